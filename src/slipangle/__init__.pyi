@@ -78,6 +78,7 @@ from slipangle.models.vehicles.banked import Banked as Banked
 from slipangle.models.vehicles.bicycle import Bicycle as Bicycle
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack as DualTrack
 from slipangle.models.vehicles.kinematic import Kinematic as Kinematic
+from slipangle.models.vehicles.load_transfer import LoadTransfer as LoadTransfer
 from slipangle.models.vehicles.longitudinal import Longitudinal as Longitudinal
 from slipangle.models.vehicles.longitudinal import LongitudinalParams as LongitudinalParams
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle as NonlinearBicycle

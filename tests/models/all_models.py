@@ -31,6 +31,7 @@ from slipangle.models.vehicles.catalogue import (
 )
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal, LongitudinalParams, PedalCar
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
@@ -130,6 +131,12 @@ ALL_MODELS = {
     "rear-steered bicycle": RearSteered(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "torque-vectored bicycle": TorqueVectored(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "torque-vectored, banked": Banked(TorqueVectored(SaturatingBicycle(params=AXLES, dt=0.02), gain_M_z=0.9)),
+    "with load transfer": LoadTransfer(
+        RelaxingBicycle(params=AXLES, dt=0.02, outputs=("r", "a_y")), height=0.5, load_lag=0.06
+    ),
+    "steered, with load transfer": Steered(
+        LoadTransfer(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), height=0.4), steering_lag=0.05
+    ),
     "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),
     "steered, rate limit, delayed": Delayed(

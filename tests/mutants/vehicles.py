@@ -162,6 +162,7 @@ MUTANTS = [
             ("rear steering: front wheels as they were", "given[i] - turn if", "given[i] if"),
             ("rear steering: the gain of the front", "turn = angle / self.params.steering_gain", "turn = angle"),
             ("rear steering: v_y is that of straight wheels", "read if name in self.states else felt", "felt"),
+            ("rear steering: no scale", "self.gain_delta_r * u[car.n_inputs]", "u[car.n_inputs]"),
             ("yaw moment: no scale", "self.gain_M_z * moment", "moment"),
             ("yaw moment: not felt ahead", "y[i] + felt if", "y[i] if"),
         ],
@@ -170,6 +171,15 @@ MUTANTS = [
         "models/vehicles/banked.py",
         ORACLE,
         [("bank: pulls uphill", "rates[i] - pull", "rates[i] + pull")],
+    ),
+    *mistakes(
+        "models/vehicles/load_transfer.py",
+        ORACLE,
+        [
+            ("load transfer: braking unloads the front", "p.load_shift - self.height", "p.load_shift + self.height"),
+            ("load transfer: a car that turns gains no speed across", "- v_y * r", "+ v_y * r"),
+            ("load transfer: the speed as logged", "p.gain_v_x * self._gains", "self._gains"),
+        ],
     ),
     *mistakes(
         "models/vehicles/steering.py",

@@ -54,10 +54,11 @@ def test_a_linear_bicycle_with_steered_rear_wheels():
 
 def test_a_saturating_bicycle_with_steered_rear_wheels_and_its_sensors():
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS)
-    model = RearSteered(SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y")))
+    car = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
+    model = RearSteered(car, gain_delta_r=1.13)
 
     def oracle(v_y, r, delta, v_x, delta_r):
-        slip = rear_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), delta_r, v_x)
+        slip = rear_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), 1.13 * delta_r, v_x)
         v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(SATURATING, v_y, r, *slip, v_x)
         read = [v_y - 0.31 * r - 0.11, r + 0.013, 1.07 * (a_y + 0.43 * r_dot)]
         return [v_y_dot, r_dot, *read]

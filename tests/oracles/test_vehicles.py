@@ -12,6 +12,7 @@ from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal, LongitudinalParams, PedalCar
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import BicycleParams
@@ -171,14 +172,15 @@ SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lev
 def test_saturating_bicycle(half, gain):
     unused = dict(relaxation_f=0.4, relaxation_r=0.6)
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
-    params = replace(params, locked_half_track=half, gain_v_x=gain)
-    assert len(SATURATING | STEERED | SENSORS | unused) + 3 == len(fields(params))
+    params = replace(params, locked_half_track=half, gain_v_x=gain, load_shift=0.04)
+    assert len(SATURATING | STEERED | SENSORS | unused) + 4 == len(fields(params))
+    loads = {"locked_half_track": half, "forward": 0.04 * CHASSIS["mass"] * vehicles.G}
     model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
 
     def oracle(v_y, r, delta, logged):
         v_x = gain * logged
         slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
-        found = vehicles.saturating_bicycle(SATURATING | {"locked_half_track": half}, v_y, r, *slip, v_x)
+        found = vehicles.saturating_bicycle(SATURATING | loads, v_y, r, *slip, v_x)
         read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
         return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
 
@@ -296,6 +298,39 @@ def test_relaxing_bicycle():
     slips = (-0.2, 0.2), (-0.2, 0.2)
     points = uniform(6, 300, STATE["v_y"], STATE["r"], *slips, STATE["delta"], STATE["v_x"])
     agree(rates(model), oracle, points)
+
+
+@pytest.mark.parametrize("steered", [False, True])
+def test_load_transfer(steered):
+    """What braking moves forward balances the moment of the car's inertia about the ground, height above it."""
+    params, of = SaturatingBicycleParams(**SATURATING, **STEERED), dict(height=0.52, load_lag=0.07)
+    car = SaturatingBicycle(params=replace(params, gain_v_x=0.93), dt=0.01, outputs=("a_y",))
+    model = LoadTransfer(Steered(car, steering_lag=0.08), **of) if steered else LoadTransfer(car, **of)
+
+    def oracle(v_y, r, *rest):
+        *delta_s, v_x_s, delta, logged = rest
+        rate, v_x = (logged - v_x_s) / 0.07, 0.93 * logged
+        a_x = 0.93 * rate - v_y * r
+        slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta_s[0] if steered else delta), v_x)
+        forward = -CHASSIS["mass"] * a_x * 0.52 / CHASSIS["wheelbase"]
+        found = vehicles.saturating_bicycle(SATURATING | {"forward": forward}, v_y, r, *slip, v_x)
+        turning = [(delta - delta_s[0]) / 0.08] if steered else []
+        return [*found[:2], *turning, rate, found[2]]
+
+    fast = (20.0, 21.0)  # the speed and what it was, so that the car brakes and drives off as hard as cars may
+    states = (STATE["v_y"], STATE["r"], *((STATE["delta"],) if steered else ()), fast)
+    agree(rates(model, "a_y"), oracle, uniform(9, 300, *states, STATE["delta"], fast))
+
+
+def test_more_load_than_there_is_does_not_move():
+    """A speed that jumps, as wheels that lock or a receiver that loses its place show it, turns no car over."""
+    params = SaturatingBicycleParams(**SATURATING)
+    model = LoadTransfer(SaturatingBicycle(params=params, dt=0.01), height=0.5, load_lag=0.05)
+    held = SaturatingBicycle(params=replace(params, load_shift=0.45), dt=0.01)
+    x, u = np.array([0.1, 0.2]), np.array([0.05, 20.0])
+    jumped = model.derivative(np.array([*x, 40.0]), u)
+    assert jumped[:2] == pytest.approx(held.derivative(x, u), rel=1e-12)
+    assert jumped[2] == pytest.approx(-20.0 / 0.05)
 
 
 def test_bank():

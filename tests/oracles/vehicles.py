@@ -109,7 +109,8 @@ def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
 def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
     """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the axles' loads.
 
-    Each carries its share of the weight and its downforce; stiffness and peak are in proportion to what it carries.
+    Each carries its share of the weight, its downforce, and what braking moves ``forward`` [N]; stiffness and peak are
+    in proportion to what it carries.
     Rear wheels that turn as one have the spin of their centre: each slips along by what its hub is faster or slower,
     and its force points against its slip, as large as the curve says for both slips together.
     """
@@ -117,6 +118,7 @@ def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
     half, forces, resisting = car.get("locked_half_track", 0.0), [], 0.0
     for alpha, arm, end in ((alpha_f, L - l_f, "f"), (alpha_r, l_f, "r")):
         carried = m * G * arm / L + car.get(f"downforce_{end}", 0.0) * v_x**2
+        carried = carried + car.get("forward", 0.0) * (1 if end == "f" else -1)
         stiffness = car[f"C_{end}"] * carried / (m * G * arm / L)
         D, C = car[f"mu_{end}"] * carried, car["shape"]
         across = 0.0

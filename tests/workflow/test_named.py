@@ -26,6 +26,7 @@ FROM_KEYS = {  # made where a key or another one asks for them
     sa.Delayed: "free = ['delay_delta']",
     sa.Steered: "free = ['steering_lag']",
     sa.Banked: "banked = true",
+    sa.LoadTransfer: "free = ['height']",
     sa.RearSteered: "rear_steered = true",
     sa.TorqueVectored: "torque_vectored = true",
     sa.OnGround: "every controller poses its model",

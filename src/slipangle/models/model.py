@@ -307,7 +307,7 @@ class Model(FastPaths, Brief, abc.ABC):
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at a speed [m/s] and pose [m, m, rad]; by default all other states are zero."""
-        known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
+        known = {"v_x": v_x, "v_x_s": v_x, "X": X, "Y": Y, "psi": psi}
         return np.array([known.get(name, 0.0) for name in self.states])
 
     def export(self, folder: str | Path, **settings: Any) -> Path:

@@ -4,6 +4,8 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from slipangle.errors import ParameterError, nearest
 from slipangle.ops import is_symbolic, is_traced
 from slipangle.shown import Brief
@@ -24,11 +26,12 @@ def require_few_lags(samples: float, what: str) -> None:
 
 
 def require_in_range(what: str, value: Any, meta: SI) -> None:
-    """Raise a `ParameterError` if a number is outside its range; symbols and tracers are not checked."""
-    if not (is_symbolic(value) or is_traced(value)) and not meta.lower <= value <= meta.upper:
+    """Raise a `ParameterError` if a number is outside its range; symbols, tracers and arrays are not checked."""
+    many = is_symbolic(value) or is_traced(value) or isinstance(value, np.ndarray)
+    if not many and not meta.lower <= value <= meta.upper:
+        unit = "" if meta.unit == "-" else f" {meta.unit}"
         raise ParameterError(
-            f"{what} is {value:g} {meta.unit}; expected {meta.lower:g} to {meta.upper:g} {meta.unit}: check the value "
-            "and its unit"
+            f"{what} is {value:g}{unit}; expected {meta.lower:g} to {meta.upper:g}{unit}: check the value and its unit"
         )
 
 

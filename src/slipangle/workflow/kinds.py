@@ -47,6 +47,7 @@ from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.longitudinal import Longitudinal
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycle
@@ -59,6 +60,7 @@ from slipangle.workflow.hints import called, is_model, is_record, parts
 
 _WEIGHTS = 1_000_000  # of a network
 _LAG, _RATE = 0.05, 2.0  # s and rad/s that a fit of an actuator starts from
+_HEIGHT, _LOAD_LAG = 0.2, 0.05  # wheelbases and s, that one of load transfer starts from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +128,7 @@ class PhysicsEntries:
         A car whose values stand where ``car`` says none.
     free : tuple of str
         Parameters that are fitted; ``delay_`` before an input is its delay, steering_lag and steering_rate are those of
-        an actuator where the model has none. [s]
+        an actuator where the model has none, height and load_lag those of a car whose loads shift as it brakes. [s]
     per_experiment : tuple of str
         Parameters with one value for each file, and for each stretch of a file between gaps.
     banked : bool
@@ -237,7 +239,7 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
     physics = as_physics(thing)
     if physics is not None:
         entries = vars(record(PhysicsEntries, table, where))
-        known = (*physics.parameters.metadata(), *Steered.own, *TorqueVectored.own)
+        known = (*physics.parameters.metadata(), *Steered.own, *RearSteered.own, *TorqueVectored.own, *LoadTransfer.own)
         for name in entries["car"]:
             if name not in known:
                 near = nearest(name[:60], known, every=True)
@@ -337,13 +339,17 @@ def as_physics(thing: Any) -> Physics | None:
 
 
 def _actuated(start: OdeModel, wanted: PhysicsEntries, physics: Physics) -> OdeModel:
-    """The car with steered rear wheels, a yaw moment, on a banked road, behind a steering, where the job says so."""
+    """The car with steered rear wheels, a yaw moment, on a banked road, with loads that shift, behind a steering."""
     named = {*wanted.free, *wanted.per_experiment, *wanted.car}
-    car = RearSteered(start) if wanted.rear_steered else start
+    car = RearSteered(start, gain_delta_r=wanted.car.get("gain_delta_r", 1.0)) if wanted.rear_steered else start
     if wanted.torque_vectored:
         car = TorqueVectored(car, gain_M_z=wanted.car.get("gain_M_z", 1.0))
     car = Banked(car) if wanted.banked else car
-    own = [n for n in Steered.own if n in named and n not in physics.parameters.metadata()]
+    of_car = physics.parameters.metadata()
+    if {*LoadTransfer.own} & named - {*of_car}:
+        height = wanted.car.get("height", _HEIGHT * start.value("wheelbase"))
+        car = LoadTransfer(car, height=height, load_lag=wanted.car.get("load_lag", _LOAD_LAG))
+    own = [n for n in Steered.own if n in named and n not in of_car]
     if not own:
         return car
     lag = wanted.car.get("steering_lag", _LAG)

@@ -11,11 +11,12 @@ from benchmarks.foreign_cars import fleet, plants
 from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError
-from slipangle.identify.car import sentences, structures
+from slipangle.identify.car import corrections, sentences
+from slipangle.identify.car.effects import told
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.stretches import stretches
-from slipangle.identify.car.structures import STIFF, first_guess, fit
+from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle
 from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, STEERING, TRUE, multisine
 from tests.oracles import vehicles
@@ -98,6 +99,36 @@ def test_rear_wheels_logged_with_another_sign_or_unit_are_named(factor, said):
     assert all(part in words[0] for part in said)
 
 
+def test_rear_wheels_logged_late_are_named():
+    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    parts = []
+    for part in data.experiments:
+        t = np.arange(part.n_samples) * DT
+        parts.append(part.with_channel("delta_r", np.interp(t - 0.3, t, part["delta_r"]), "rad"))
+    data = join(*parts)
+    start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
+    fitted = partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))
+    words = doubts_with_rear(data, TRUE["wheelbase"], fitted, stretches(data, 1.0))
+    assert "with delta_r 0.3 s earlier the error is" in words[0]
+    assert "it is logged late; shift it" in words[0]
+
+
+@pytest.mark.parametrize(("factor", "known"), [(1.0, False), (2.0, True), (0.5, True)])
+def test_the_scale_of_the_rear_wheels_is_found(factor, known):
+    """Without, the front wheels were said to turn nearly twice as far, beside a stiffness a third too small."""
+    data = drives()
+    data = data.with_channel("delta_r", data["delta_r"] / factor, "rad")
+    start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
+    free = (*STIFF, "steering_offset", "delay_delta", "steering_lag", "delay_delta_r", "steering_gain", "gain_M_z")
+    before = fit(corrections._steered(start), free, data)
+    (scale,) = (c for c in corrections.corrections(data, KNOWN["wheelbase"], None) if "gain_delta_r" in c.free)
+    after = corrected(before, scale, data)
+    assert after.values["gain_delta_r"] == pytest.approx(factor, rel=0.1)  # the moment says nearly the same
+    assert (told(after, scale.free) >= 1.0) == known
+    limits = np.tile([[0.97], [1.03]], len(after.names)).T * np.array(list(after.values.values()))[:, None]
+    assert bool(sentences.rear(after.names, after, limits)) == known
+
+
 def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
     """Behind front ones that they follow everywhere alike, no sign of theirs is better than another."""
     data = join(*(log(12.0, seed) for seed in (0, 1))).hold_mean()
@@ -170,9 +201,9 @@ def test_a_dual_track_with_both_is_found_within_its_intervals():
 
 def test_whatever_is_around_the_car_stays_where_tires_relax():
     given = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=("bank", "M_z", "delta_r"))
-    late = structures._relaxing(structures._steered(given))
+    late = corrections._relaxing(corrections._steered(corrections._loaded(given)))
     assert late.inputs == given.inputs == ("delta", "v_x", "delta_r", "M_z", "bank")
-    assert late.ode.states == ("v_y", "r", "alpha_f", "alpha_r", "delta_s")
+    assert late.ode.states == ("v_y", "r", "alpha_f", "alpha_r", "v_x_s", "delta_s")
     inside = late
     while hasattr(inside, "model"):
         inside = inside.model

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from slipangle.identify.car.corrections import DOWNFORCE, corrections, friction_used
-from slipangle.identify.car.effects import extrapolated, told
+from slipangle.identify.car.effects import extrapolated, told, wings
 from slipangle.identify.car.identify_car import identify_car
-from slipangle.identify.car.sentences import wings
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE, drives, log
 

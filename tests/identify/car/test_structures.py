@@ -71,10 +71,41 @@ def test_a_fit_whose_weights_chase_each_other_is_said_not_to_have_settled(driven
 def test_a_lag_is_found_after_the_tires_were_taken_to_be_late(driven):
     """From no lag at all the search stayed there, and lost the correction that this car needs most."""
     late, gain, saturates, *others = corrections(driven, KNOWN["wheelbase"], ())
-    relaxing = next(correction for correction in others if correction.relaxing)
+    relaxing = next(correction for correction in others if "relaxation_f" in correction.free)
     before = fit(GUESS.with_values(steering_gain=1.0), (*STIFF, "steering_offset"), driven)
     for correction in (saturates, relaxing, gain):
         before = corrected(before, correction, driven)
     after = corrected(before, late, driven)
     assert after.values["steering_lag"] + after.values["delay_delta"] == pytest.approx(LAG, abs=0.005)
     assert after.sigma[0] < 0.97 * before.sigma[0]
+
+
+def servo(seed, rate):
+    """Eight seconds of a car steered in leaps by a servo of 30 ms that turns no faster than ``rate`` [rad/s]."""
+    rng, n, fine = np.random.default_rng(seed), 800, 10
+    u = np.column_stack([np.repeat(rng.uniform(-0.3, 0.3, 20), 40), np.full(n, 2.0 + 0.2 * seed)])
+    wheel, at = np.zeros(n), 0.0
+    for k in range(n):
+        wheel[k] = at
+        for _ in range(fine):
+            at += DT / fine * np.clip((u[k, 0] - at) / 0.03, -rate, rate)
+    params = SaturatingBicycleParams(**KNOWN, **(TRUE | dict(mu_f=5.0, mu_r=5.0)), steering_gain=GAIN)
+    plant = SaturatingBicycle(params=params, dt=DT)
+    r = np.append(0.0, plant.free_run(np.zeros(2), np.column_stack([wheel, u[:, 1]]))[:, 0])
+    return Dataset.from_arrays({"delta": u[:, 0], "v_x": u[:, 1]}, {"r": r + 0.02 * rng.standard_normal(n)}, DT)
+
+
+def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_lags():
+    """Where the lag alone was free, it grew tenfold, and the gain with it."""
+    data = join(*(servo(seed, 1.5) for seed in range(4)))
+    late, limit = (
+        next(c for c in corrections(data, KNOWN["wheelbase"], ()) if n in c.free)
+        for n in ("steering_lag", "steering_rate")
+    )
+    before = corrected(fit(GUESS, (*STIFF, "steering_offset", "steering_gain"), data), late, data)
+    after = corrected(before, limit, data)
+    assert after.values["steering_rate"] == pytest.approx(1.5, rel=0.05)
+    assert after.values["steering_lag"] + after.values["delay_delta"] == pytest.approx(0.03, abs=0.012)
+    assert before.values["steering_lag"] > 0.06
+    assert after.sigma[0] < 0.6 * before.sigma[0]
+    assert limit.adds_nothing_to((*STIFF, "steering_gain"), ())  # wheels that are not late are not slow

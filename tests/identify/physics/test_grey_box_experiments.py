@@ -228,7 +228,7 @@ def test_own_equations_are_kept_in_a_file_once_written_down(tmp_path):
         ({"f": lambda x, u, p: [math.sin(x[0])] * 4}, "on symbols.*slipangle.ops"),
         ({"f": lambda x, u, p: [float(p.mas)] * 4}, "no parameter 'mas'"),
         ({"f": 3.0}, r"expected a function f\(x, u, p\)"),
-        ({"params": {"m_1": (200.0, 0.1, 50.0)}}, "m_1 is 200 -; expected 0.1 to 50"),
+        ({"params": {"m_1": (200.0, 0.1, 50.0)}}, "m_1 is 200; expected 0.1 to 50"),
         ({"params": {"m_1": (2.0, 0.1)}}, "'m_1' is given as"),
         ({"params": {"names": 1.0}}, "'names' cannot name a parameter"),
         ({"begin": {"z": 1.0}}, "begin names 'z'; nearest are 'z_"),

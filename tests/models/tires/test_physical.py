@@ -88,5 +88,5 @@ def test_symbols_equal_numbers_and_derivatives_are_right(tire):
 
 
 def test_parameters_have_ranges():
-    with pytest.raises(ParameterError, match=r"BrushTire\.mu .* is 0 -; expected 0\.01 to 5"):
+    with pytest.raises(ParameterError, match=r"BrushTire\.mu .* is 0; expected 0\.01 to 5"):
         BrushTire(C_alpha=60e3, C_s=90e3, mu=0.0)

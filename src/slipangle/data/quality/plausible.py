@@ -9,6 +9,7 @@ from scipy import signal
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.inspect import resting
+from slipangle.data.quality.spins import spinning
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
@@ -61,7 +62,7 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
         for name, rows in stuck.items()
     ]
-    fast, smooth, drives = _smoothed(_without(data, stuck), [n for n in data.names if n in _CHANNELS])
+    fast, smooth, drives = _smoothed(_without(data, stuck, wheelbase), [n for n in data.names if n in _CHANNELS])
     if not fast:
         return tuple(said)
     cornering, about_r = _cornering(fast, smooth, wheelbase)
@@ -83,7 +84,7 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
     0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
     """
     names = [n for n in ("delta", "v_x", "r", "delta_r") if n in data.names]
-    parts, smooth, drives = _smoothed(_without(data, _stuck(data)), names)
+    parts, smooth, drives = _smoothed(_without(data, _stuck(data), wheelbase), names)
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
     gain, agree, _, _ = _asked(smooth, wheelbase, drives)
@@ -93,9 +94,9 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
 
 
-def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]]) -> list[Dataset]:
-    """The experiments cut where a sensor is stuck."""
-    bad = np.zeros(data.n_samples, dtype=bool)
+def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]], wheelbase: float) -> list[Dataset]:
+    """The experiments cut where a sensor is stuck, and where the car spins."""
+    bad = spinning(data, wheelbase)
     for a, b in (rows for each in stuck.values() for rows in each):
         bad[a:b] = True
     parts = []
@@ -221,8 +222,7 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     fast = v > 0.3 * np.quantile(v, 0.9)
     turn = r * wheelbase / np.where(fast, v, np.inf)
-    ends = np.flatnonzero(np.diff(drives)) + 1
-    later = np.concatenate([np.gradient(part) for part in np.split(turn, ends)])[fast]
+    later = _rate(turn, drives)[fast]
     v, r, delta, drives, asked = v[fast], r[fast], delta[fast], drives[fast], turn[fast]
     _, agree = _slope(delta, asked)
     inside = _inside(delta, drives)
@@ -234,6 +234,11 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     table = np.column_stack([_inside(column, drives) for column in (*columns, asked)])
     gain, error = _coefficient(_blocks(table, drives))
     return gain, agree, speeds, error
+
+
+def _rate(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """Change per sample of a signal inside drives."""
+    return np.concatenate([np.gradient(part) for part in np.split(x, np.flatnonzero(np.diff(drives)) + 1)])
 
 
 def _blocks(table: np.ndarray, drives: np.ndarray) -> np.ndarray:
@@ -274,12 +279,13 @@ def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     """A sentence on an offset of r beyond what a fit corrects: what delta, v_x and understeer do not explain.
 
-    An offset of the steering counts for more the faster the car is, one of the sensor does not.
+    An offset of the steering counts for more the faster the car is, one of the sensor does not. How late the car is
+    counts as in `_asked`.
     """
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
         return []
-    table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), r])
+    table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), _rate(r, drives), r])
     value, error = _coefficient(_blocks(table, drives), 3)
     if abs(value) < max(_ZERO, 5 * error):
         return []
@@ -287,21 +293,24 @@ def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
 
 
 def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
-    """A sentence on sign or unit of v_y: in steady cornering it is r (l_r - K v_x^2), with K > 0 for any tires."""
+    """A sentence on sign or unit of v_y: in steady cornering it is r (l_r - K v_x^2), with K > 0 for any tires.
+
+    In other cornering its own rate, and that of r, add to the force on the rear axle.
+    """
     v, r = smooth["v_x"], smooth["r"]
     if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
         return []
-    table = np.column_stack([_inside(column, drives) for column in (r, -r * v * v)])
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    v_y = _inside(smooth["v_y"], drives)
-    found = np.linalg.lstsq(table / size, v_y, rcond=None)[0]
-    told = 1 - np.sum((v_y - table / size @ found) ** 2) / max(float(v_y @ v_y), 1e-300)
+    columns = r, -r * v * v, v * _rate(r, drives), -v * _rate(smooth["v_y"], drives), smooth["v_y"]
+    squares = _blocks(np.column_stack([_inside(column, drives) for column in columns]), drives)
+    whole = squares.sum(axis=0)
+    told = np.linalg.lstsq(whole[:2, :2], whole[:2, -1], rcond=1e-12)[0] @ whole[:2, -1] / max(whole[-1, -1], 1e-300)
     if told < _TIED:
         return []
-    if (found < 0).all():
+    (arm, sure), (softness, certain) = (_coefficient(squares, k) for k in range(2))
+    sure, certain, farthest = _CERTAIN * sure, _CERTAIN * certain, _OUTSIDE * wheelbase
+    if -farthest < arm < -sure and softness < -certain:
         return ["v_y moves against r at low speed and with it at high speed: it has the wrong sign; left is positive"]
-    arm = float(found[0] / size[0])
-    if (found > 0).all() and arm > _OUTSIDE * wheelbase:
+    if softness > 0 and arm - sure > farthest:
         return [
             f"v_y is that of a place {arm:.2g} m ahead of the rear axle, at a wheelbase of {wheelbase:g} m: it is "
             "logged in km/h or another unit; declare it"

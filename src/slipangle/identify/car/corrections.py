@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
+from slipangle.models.vehicles.steering import Steered
 
 RECORDING = "recording"  # channel that numbers the recording that a sample is of
 DOWNFORCE = ("downforce_f", "downforce_r")
 LOCKED = ("locked_half_track",)
 SPEED = ("gain_v_x",)
+REAR = ("gain_delta_r",)
+RATE = ("steering_rate",)
+LOADS = ("height", "load_lag")
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
+_RATES = (0.5, 0.2)  # limit of the steering's rate where its search starts, over the fastest that was steered
 SLOW, FAST = 0.05, 0.95  # quantiles of the speeds that were driven
 _UNLIKE = 1.4  # fast over slow driving, from which downforce can be told
+_BRAKES, _OVER = 0.05, 0.5  # change of speed over gravity, from which loads shift, and s over which it is told
 _SESSION = 28.0  # s of driving to fit to, mean of several recordings that may have offsets of their own; of 40 s about
 
 
@@ -30,13 +38,14 @@ class Correction:
     free: tuple[str, ...]
     starts: tuple[Mapping[str, float], ...] = ({},)
     own: tuple[str, ...] = ()  # of `free`, those with a value for each recording
-    relaxing: bool = False  # the car becomes a `RelaxingBicycle`
-    steered: bool = False  # the car becomes a `Steered` one
+    around: Callable[[Any], Any] = lambda model: model  # what makes the car one that has them
     instead: tuple[str, ...] = ()  # parameters that may have stood in for it, and are not needed beside it
+    beside: tuple[str, ...] = ()  # parameters without which there is no such thing
 
     def adds_nothing_to(self, free: tuple[str, ...], own: tuple[str, ...]) -> bool:
         """Whether its parameters are ``free`` with one value already, or in ``own`` those of each recording."""
-        return {*self.free} <= {*own} | ({*free} - {*self.own})
+        has = {*own} | ({*free} - {*self.own})
+        return {*self.free} <= has or not {*self.beside} <= {*free, *own}
 
 
 def corrections(
@@ -52,18 +61,24 @@ def corrections(
     mu = SaturatingBicycleParams.metadata()["mu_f"]  # wrong units may go beyond any friction
     starts = (float(np.clip(share * used, mu.lower, mu.upper)) for share in _SHARES)
     frictions = tuple({"mu_f": start, "mu_r": start} for start in starts)
-    length = 0.1 * wheelbase
+    length, fastest = 0.1 * wheelbase, _fastest_steering(data)
     listed = [
-        Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), steered=True),
+        Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), around=_steered),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
         Correction("the shape of the tire curves is free", ("shape",)),
+        Correction(
+            "the steering's rate has a limit",
+            RATE,
+            tuple({"steering_rate": share * fastest, "steering_lag": 0.05} for share in _RATES),
+            beside=("steering_lag",),
+        ),
         Correction("the sensors' biases are free", biases),
         Correction(
             "the tires' relaxation lengths are free",
             ("relaxation_f", "relaxation_r"),
             ({"relaxation_f": length, "relaxation_r": length},),
-            relaxing=True,
+            around=_relaxing,
         ),
     ]
     if "v_y" in data.outputs:
@@ -74,6 +89,10 @@ def corrections(
         listed.append(
             Correction("the rear wheels turn as one", LOCKED, ({LOCKED[0]: 0.25 * wheelbase},), instead=("lever_v_y",))
         )
+    if _brakes(data):
+        listed.insert(3, Correction("braking shifts the axles' loads", LOADS, around=_loaded))
+    if "delta_r" in data.inputs:
+        listed.append(Correction("the scale of delta_r is free", REAR))
     slow, fast = np.quantile(data["v_x"], (SLOW, FAST))
     if fast > _UNLIKE * slow:
         listed.append(Correction("the axles' loads grow with speed squared", DOWNFORCE))
@@ -104,3 +123,34 @@ def friction_used(data: Dataset, p: SaturatingBicycleParams | None = None) -> fl
     """Largest lateral acceleration of a log over that of gravity, and of the downforce of a car ``p``; no outliers."""
     load = 1.0 if p is None else p.load_ratio(data["v_x"])
     return float(np.quantile(np.abs(data["v_x"] * data["r"]) / load, 0.999)) / GRAVITY
+
+
+def _fastest_steering(data: Dataset) -> float:
+    """Rate of the logged steering that is exceeded in a hundredth of the time. [rad/s]"""
+    rates = [np.abs(np.diff(part["delta"])) / part.dt for part in data.experiments]
+    return max(float(np.quantile(np.concatenate(rates), 0.99)), 1e-3)
+
+
+def _brakes(data: Dataset) -> bool:
+    """Whether the car gains or loses speed so much in a twentieth of the time that loads shift."""
+    n = max(1, round(_OVER / data.dt))
+    rates = [np.abs(part["v_x"][n:] - part["v_x"][:-n]) / (n * part.dt) for part in data.experiments]
+    return float(np.quantile(np.concatenate(rates), 0.95)) > _BRAKES * GRAVITY
+
+
+def _steered(model: Any) -> Any:
+    """With a lag that the integrator follows; none at all would be shorter than any that it can."""
+    car = model.model
+    return replace(model, model=Steered(car, steering_lag=2.0 * car.dt / car.substeps))
+
+
+def _loaded(model: Any) -> Any:
+    """With axles whose loads shift, as of a centre of gravity of usual height."""
+    return replace(model, model=LoadTransfer(model.model, height=0.2 * model.value("wheelbase")))
+
+
+def _relaxing(model: Any) -> Any:
+    """With tires that relax, whatever is around the car."""
+    if hasattr(model, "model"):
+        return replace(model, model=_relaxing(model.model))
+    return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)

@@ -1,17 +1,19 @@
-"""Whether an effect that was fitted to a log is one, or stands in for something else."""
+"""Whether an effect that was fitted to a log is one, or stands in for something else; and what it is, in words."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, SLOW, SPEED, Correction
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, RATE, REAR, SLOW, SPEED, Correction
 from slipangle.identify.car.structures import AS_GOOD, ELSEWHERE, Fitted, change, corrected, errors, fit
 from slipangle.identify.car.uncertainty import covariance
 
 _LEAST = 0.1  # of an axle's load at rest, the least that downforce adds in fast driving
 _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
-_SCALE = 0.03  # of the speed, the least by which it is said to be wrong
+_SHARP = 0.05  # half of the steering's largest rate's interval, over it, at most
+_SCALES = {SPEED: 0.03, REAR: 0.1}  # of a logged speed or angle, the least by which one is said to be wrong
+_WINGED = 1.25  # friction used, from which a car may have wings
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
 # are more, as cars that roll much asked for one by up to 3.7.
@@ -23,18 +25,22 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     """How far the effect of the parameters ``names`` is beyond what stands in for something else, 1 where it just is.
 
     Downforce adds a tenth to an axle's load in fast driving, as wings do, a locked axle a tenth to the yaw damping, and
-    stretches of unlike speed and size agree that there is some. A speed is wrong by a few percent or more. Lift of that
-    size has no car that is driven so fast: it is what roads and drivers do with speed.
+    stretches of unlike speed and size agree that there is some. A largest rate of the steering is sharp, else it stands
+    in for a lag of another shape. A speed is wrong by a few percent or more, rear wheels by a tenth. Lift of that size
+    has no car that is driven so fast: it is what roads and drivers do with speed.
     """
     if names == DOWNFORCE:
         size = (_ratios(fitted, FAST) - 1.0) / _LEAST
     elif names == LOCKED:
         size = np.array([fitted.model.ode.params.locked_share / _RESISTS])
-    elif names == SPEED:
-        size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALE
+    elif names == RATE:
+        std = float(np.sqrt(np.diag(covariance(fitted)[0])[fitted.names.index(*RATE)]))
+        size = np.array([_SHARP * fitted.values[RATE[0]] / max(_SURE[0] * std, 1e-300)])
+    elif names in _SCALES:
+        size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
     else:
         return _ANY
-    none, (just, whole) = (1.0, _SURE_SPEED) if names == SPEED else (0.0, _SURE)
+    none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED else _SURE
     at = [fitted.names.index(name) for name in names]
     std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[at], 0.0))
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
@@ -83,3 +89,60 @@ def _ratios(fitted: Fitted, share: float) -> np.ndarray:
     """Loads of both axles over those at rest, at a quantile of the speeds that were driven."""
     v_x = float(np.quantile(fitted.problem.data["v_x"], share))
     return np.array(fitted.model.ode.params.load_ratios(v_x), dtype=float)
+
+
+def in_words(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
+    """What was found beside tires, downforce and a locked axle, with ``limits`` of shape (n_names, 2)."""
+    return [*wings(final, limits, used), *locked(final, limits), *pitching(final, limits)]
+
+
+def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
+    """Downforce that was found, with its limits, of shape (n_names, 2); none on friction that needs some, ``used`` [-].
+
+    What was found is what the tires make of it, see `SaturatingBicycleParams`.
+    """
+    if not {*DOWNFORCE} <= {*final.names}:
+        said = (
+            f"the log uses a friction of {used:.2g} and tells no downforce: if the car has wings, C_f, C_r and "
+            "friction are those of the speeds that were driven; drive alike at low and at high speed to tell it"
+        )
+        return [said] if used > _WINGED else []
+    fastest = float(np.quantile(final.problem.data["v_x"], FAST))
+    front, rear = final.model.ode.params.load_ratios(fastest)
+    found = (
+        f"{n} = {final.values[n]:.2g} ({low:.2g} to {high:.2g})"
+        for n, (low, high) in zip(DOWNFORCE, (limits[final.names.index(n)] for n in DOWNFORCE), strict=True)
+    )
+    return [
+        f"stiffness and grip grow with speed as by {' and '.join(found)} kg/m: at {fastest:.3g} m/s they are "
+        f"{front:.3g} and {rear:.3g} times C_f, C_r, mu_f and mu_r, which are those at rest; that of wings is more, "
+        "often several times, as tires gain less than in proportion to load, and a car without any has something else "
+        "that grows with speed"
+    ]
+
+
+def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
+    """How far braking was found to shift the axles' loads, with limits of shape (n_names, 2)."""
+    if "height" not in final.names:
+        return []
+    low, high = limits[final.names.index("height")]
+    share = 100 * final.values["height"] / final.model.value("wheelbase")
+    return [
+        f"stiffness and grip move to the front axle as the car brakes, by {share:.2g} % of the weight per g, as of a "
+        f"centre of gravity {final.values['height']:.2g} ({low:.2g} to {high:.2g}) m above ground: tires that gain "
+        "less than in proportion to load make it less than it is"
+    ]
+
+
+def locked(final: Fitted, limits: np.ndarray) -> list[str]:
+    """A rear axle that was found to resist the turn, with its limits, of shape (n_names, 2)."""
+    if not {*LOCKED} <= {*final.names}:
+        return []
+    (name,), p = LOCKED, final.model.ode.params
+    low, high = limits[final.names.index(name)]
+    return [
+        f"the rear wheels resist the turn as if they turned as one, by {100 * p.locked_share:.2g} % of what slip "
+        f"angles do: {name} = {final.values[name]:.2g} ({low:.2g} to {high:.2g}) m, about half the track where the "
+        "axle is solid or its differential locked; with an open differential in the car something else does it, and "
+        "yaw inertia and steering gain are less sure than their intervals say"
+    ]

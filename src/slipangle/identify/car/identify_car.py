@@ -23,7 +23,7 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
-from slipangle.identify.car.effects import extrapolated, others_as_good, told
+from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
@@ -31,7 +31,6 @@ from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
     ADDED,
     AIDS_LATE,
-    SLOWEST,
     STIFF,
     Fitted,
     Stage,
@@ -173,7 +172,7 @@ class WholeCar(Checked):
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         outputs = self._outputs(data)
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
-        whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
+        whole = stretches(data.select(inputs=inputs, outputs=outputs), self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
@@ -192,7 +191,7 @@ class WholeCar(Checked):
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
-        left, told = [*behind, *sentences.left_out(whole.unused)], sentences.sensors(final, spread, self.steering_gain)
+        left, told = [*behind, *sentences.left_out(whole)], sentences.sensors(final, spread, self.steering_gain)
         wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits, used))
         changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
@@ -200,7 +199,7 @@ class WholeCar(Checked):
             *sentences.elsewhere(final, others, limits),
             *sentences.speed(final, others),
             *sentences.between(final),
-            *sentences.effects(final, limits, used),
+            *in_words(final, limits, used),
             *sentences.bounds(final, used),
             *sentences.unsettled(final),
         )
@@ -279,11 +278,12 @@ def identify_car(
     """A car's parameters with intervals, its steering's delay and lag, its sensors' biases, from any log of it.
 
     From the linear bicycle with its steering's offset on, corrections are tried one after the other: the steering's
-    delay and lag, its gain, saturation and the shape of its curve, the sensors' biases and the place of that of v_y,
-    relaxation of the tires, rear wheels that turn as one where v_y or a_y is fitted, downforce where fast driving is
-    1.4 times slow driving. Each stays if it is worth its parameters on three quarters of the log's stretches and does
-    no harm on the held-out others; the last fit is to all of them. Intervals take in what stretches, and structures
-    that explain the log about as well, disagree on.
+    delay and lag, its gain, saturation and the shape of its curve, the largest rate of a steering that is late, the
+    sensors' biases and the place of that of v_y, relaxation of the tires, rear wheels that turn as one where v_y or
+    a_y is fitted, downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its parameters on
+    three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all of them.
+    Where the car spins, the log is left out. Intervals take in what stretches, and structures that explain the log
+    about as well, disagree on.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def settled(model: Any, data: Dataset, seconds: float) -> Any:
     prior = between(model)
     if not prior:
         return model
-    begun = _first(data.select(inputs=model.inputs, outputs=model.outputs), seconds, SLOWEST * model.value("wheelbase"))
+    begun = _first(data.select(inputs=model.inputs, outputs=model.outputs), seconds, model.value("wheelbase"))
     with one_blas_thread():
         found = fit(replace(model, fit_info=None), tuple(prior), begun, prior=prior)
     return replace(model.with_values(**found.values), fit_info=model.fit_info)
@@ -53,17 +53,16 @@ def between(model: Any) -> Prior:
     return found
 
 
-def _first(data: Dataset, seconds: float, slowest: float) -> Dataset:
+def _first(data: Dataset, seconds: float, wheelbase: float) -> Dataset:
     """The first so many seconds of driving."""
     wanted, least, kept = round(seconds / data.dt), max(8, round(_LEAST * seconds / data.dt)), list[Any]()
-    for part in data.experiments:
-        for run in driven(part, slowest, least):
-            room = wanted - sum(piece.n_samples for piece in kept)
-            if room >= least or (room > 0 and not kept):
-                kept.append(run.rows(0, room))
+    for run in driven(data, wheelbase, least):
+        room = wanted - sum(piece.n_samples for piece in kept)
+        if room >= least or (room > 0 and not kept):
+            kept.append(run.rows(0, room))
     if not kept:
         raise TooShortError(
-            f"'{data.name}' has no stretch of {least * data.dt:.3g} s above {slowest:.2g} m/s; expected some to read "
-            "offsets from: record longer, or give fewer seconds"
+            f"'{data.name}' has no stretch of {least * data.dt:.3g} s above {SLOWEST * wheelbase:.2g} m/s; expected "
+            "some to read offsets from: record longer, or give fewer seconds"
         )
     return join(*kept)

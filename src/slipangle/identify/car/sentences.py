@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, SPEED, friction_used, recordings
+from slipangle.identify.car.corrections import SPEED, friction_used, recordings
+from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling, worth
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
@@ -18,13 +19,12 @@ _WIDE = 0.25  # half of an interval over the value, from which a parameter count
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
-_MOMENT = (0.9, 1.11)  # of what a logged yaw moment does over what it says, that needs no word
+_MOMENT = (0.9, 1.11)  # of what a logged yaw moment, or rear wheels, do over what they say, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
-_WINGED = 1.25  # friction used, from which a car may have wings
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
 _LEFT_OUT = 0.4  # share of the driving from which it is said that it was not used
 _DEAF = 0.1  # share of the outputs' variance up to which nothing is explained
@@ -35,14 +35,19 @@ def separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict
     return {name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name])) for name in STIFF}
 
 
-def left_out(unused: float) -> list[str]:
-    """How much of the driving was left out, as a share, where that is much."""
-    if unused < _LEFT_OUT:
-        return []
-    return [
-        f"{100 * unused:.0f} % of the driving is in pieces too short to use, between gaps and halts; expected most "
-        'of it whole: close gaps of single samples (nan = "merge" joins columns by time), or record without'
-    ]
+def left_out(whole: Stretches) -> list[str]:
+    """When the car span, and how much of the driving was left out where that is much."""
+    said, unused = [], whole.unused
+    if whole.spins:
+        when = ", ".join(f"{a:.3g} to {b:.3g}" for a, b in whole.spins[:_SHOWN])
+        more = f" and {len(whole.spins) - _SHOWN} more times" if len(whole.spins) > _SHOWN else ""
+        said.append(f"the car spins at {when} s{more}: that is left out, as no tire curve is told from it")
+    if unused >= _LEFT_OUT:
+        said.append(
+            f"{100 * unused:.0f} % of the driving is in pieces too short to use, between gaps and halts; expected most "
+            'of it whole: close gaps of single samples (nan = "merge" joins columns by time), or record without'
+        )
+    return said
 
 
 def changes(stages: list[Stage]) -> list[str]:
@@ -64,9 +69,9 @@ def changes(stages: list[Stage]) -> list[str]:
 
 def steering(names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray) -> list[str]:
     """How late the road wheels are, and how much of it is pure delay and how much lag."""
-    pair = "delay_delta", "steering_lag"
+    pair, limit = ("delay_delta", "steering_lag"), fastest(names, final, limits)
     if "delay_delta" in final.own:
-        return []
+        return limit
     if not {*pair} <= {*names}:
         return ["no delay and no lag of the steering shows: the log is explained as well without"]
     at = [names.index(name) for name in pair]
@@ -79,10 +84,22 @@ def steering(names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: 
     least, share = _APART
     whole = f"the road wheels are {late:.0f} (±{np.ceil(within):.0f}) ms late"
     if np.ptp(limits[at], axis=1).max() / 2 < max(least, share * late / 1000):
-        return [f"{whole}: pure delay {delay}, first-order lag {lag}"]
+        return [f"{whole}: pure delay {delay}, first-order lag {lag}", *limit]
     return [
         f"{whole}; how much of it is pure delay, {delay}, and how much lag, {lag}, cannot be separated: steer faster, "
-        f"log at more than {1 / final.model.dt:.3g} Hz"
+        f"log at more than {1 / final.model.dt:.3g} Hz",
+        *limit,
+    ]
+
+
+def fastest(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
+    """The largest rate of the steering, where the log shows one; ``limits`` has shape (n_names, 2)."""
+    if "steering_rate" not in names:
+        return []
+    low, high = limits[names.index("steering_rate")]
+    return [
+        f"the steering turns no faster than {final.values['steering_rate']:.3g} ({low:.3g} to {high:.3g}) rad/s of "
+        "what delta asks"
     ]
 
 
@@ -165,14 +182,25 @@ def moment(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[st
     ]
 
 
+def rear(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
+    """Rear wheels that turn otherwise than was logged; ``limits`` has shape (n_names, 2)."""
+    low, high = limits[names.index("gain_delta_r")] if "gain_delta_r" in names else (1.0, 1.0)
+    if low <= _MOMENT[1] and high >= _MOMENT[0]:
+        return []
+    return [
+        f"the rear wheels turn {final.values['gain_delta_r']:.3g} ({low:.3g} to {high:.3g}) times what delta_r says; "
+        "expected about as much: check its sign, unit and scale"
+    ]
+
+
 def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: float) -> list[str]:
     """Values that no car has, wherever in their intervals, shape (n_names, 2), they lie; a log that tells nothing.
 
-    A yaw moment that acts otherwise than it was logged is among them, see `moment`.
+    A yaw moment or rear wheels that act otherwise than they were logged are among them, see `moment` and `rear`.
 
     ``used`` is the friction that the log reached. [-]
     """
-    p, said = final.model.ode.params, moment(names, final, limits)
+    p, said = final.model.ode.params, [*moment(names, final, limits), *rear(names, final, limits)]
     load = GRAVITY * p.mass / p.wheelbase
     for name, unit, words, (least, most) in (
         ("C_f", load * p.l_r, "the front axle's load per radian", _STIFFEST),
@@ -272,50 +300,6 @@ def speed(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
     return []
 
 
-def effects(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
-    """What was found beside tires, downforce and a locked axle, with ``limits`` of shape (n_names, 2)."""
-    return [*wings(final, limits, used), *locked(final, limits)]
-
-
-def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
-    """Downforce that was found, with its limits, of shape (n_names, 2); none on friction that needs some, ``used`` [-].
-
-    What was found is what the tires make of it, see `SaturatingBicycleParams`.
-    """
-    if not {*DOWNFORCE} <= {*final.names}:
-        said = (
-            f"the log uses a friction of {used:.2g} and tells no downforce: if the car has wings, C_f, C_r and "
-            "friction are those of the speeds that were driven; drive alike at low and at high speed to tell it"
-        )
-        return [said] if used > _WINGED else []
-    fastest = float(np.quantile(final.problem.data["v_x"], FAST))
-    front, rear = final.model.ode.params.load_ratios(fastest)
-    found = (
-        f"{n} = {final.values[n]:.2g} ({low:.2g} to {high:.2g})"
-        for n, (low, high) in zip(DOWNFORCE, (limits[final.names.index(n)] for n in DOWNFORCE), strict=True)
-    )
-    return [
-        f"stiffness and grip grow with speed as by {' and '.join(found)} kg/m: at {fastest:.3g} m/s they are "
-        f"{front:.3g} and {rear:.3g} times C_f, C_r, mu_f and mu_r, which are those at rest; that of wings is more, "
-        "often several times, as tires gain less than in proportion to load, and a car without any has something else "
-        "that grows with speed"
-    ]
-
-
-def locked(final: Fitted, limits: np.ndarray) -> list[str]:
-    """A rear axle that was found to resist the turn, with its limits, of shape (n_names, 2)."""
-    if not {*LOCKED} <= {*final.names}:
-        return []
-    (name,), p = LOCKED, final.model.ode.params
-    low, high = limits[final.names.index(name)]
-    return [
-        f"the rear wheels resist the turn as if they turned as one, by {100 * p.locked_share:.2g} % of what slip "
-        f"angles do: {name} = {final.values[name]:.2g} ({low:.2g} to {high:.2g}) m, about half the track where the "
-        "axle is solid or its differential locked; with an open differential in the car something else does it, and "
-        "yaw inertia and steering gain are less sure than their intervals say"
-    ]
-
-
 def bounds(final: Fitted, used: float) -> list[str]:
     """Friction beyond that which the log reached, ``used`` [-], and parameters that end at a bound."""
     limits = {n: v for n, v in final.values.items() if n in ("mu_f", "mu_r") and v < 0.99 * final.model.si(n).upper}
@@ -340,6 +324,8 @@ def bounds(final: Fitted, used: float) -> list[str]:
             "relaxation_r",
             "shape",
             "steering_lag",
+            "height",
+            "load_lag",
         ):
             said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")
     return said

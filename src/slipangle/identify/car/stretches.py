@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.spins import spinning
 from slipangle.errors import MissingColumnError, TooShortError
 from slipangle.identify.car.corrections import RECORDING
-from slipangle.identify.car.structures import ADDED
+from slipangle.identify.car.structures import ADDED, SLOWEST
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run
 _WANTED, _ENOUGH = 20, 8  # stretches that recordings are cut into; so many recordings stay whole
@@ -25,6 +26,7 @@ class Stretches:
     train: Dataset
     held_out: Dataset
     unused: float = 0.0  # share of the driving that is in pieces too short [-]
+    spins: tuple[tuple[float, float], ...] = ()  # when the car begins to spin and is caught again, left out [s]
 
     @property
     def all(self) -> Dataset:
@@ -32,8 +34,8 @@ class Stretches:
         return join(self.train, self.held_out)
 
 
-def stretches(data: Dataset, slowest: float) -> Stretches:
-    """Cut a log where the car is slower than ``slowest`` [m/s], and long recordings into shorter ones.
+def stretches(data: Dataset, wheelbase: float) -> Stretches:
+    """Cut a log where the car hardly moves, and where it spins, and long recordings into shorter ones.
 
     A channel `RECORDING` says of which recording each is: of those that the log numbers so, or of its experiments.
 
@@ -46,7 +48,7 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
         each = np.diff([*data.starts, data.n_samples])
         data = data.with_channel(RECORDING, np.repeat(np.arange(len(each), dtype=float), each))
     least = max(round(_SHORTEST / data.dt), 8)
-    moving = [run for part in data.experiments for run in driven(part, slowest, least)]
+    moving, slowest, spun = driven(data, wheelbase, least), SLOWEST * wheelbase, spinning(data, wheelbase)
     total = sum(run.n_samples for run in moving)
     length = max(least, total // _WANTED) if len(moving) < _ENOUGH else total
     pieces = [piece for run in moving for piece in _cut(run, max(1, round(run.n_samples / length)))]
@@ -57,7 +59,7 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
             f"'{data.name}' has {len(pieces)} stretch{'es' * (len(pieces) != 1)} of at least {_SHORTEST:g} s above "
             f"{slowest:.2g} m/s; expected two or more, one to fit and one to check: {fix}"
         )
-    fast = int(np.sum(data["v_x"] > slowest))
+    fast = int(np.sum((data["v_x"] > slowest) & ~spun))
     order = np.argsort([float(piece["v_x"].mean()) for piece in pieces], kind="stable")
     every = min(_HELD, len(pieces))
     held = {int(i) for i in order[every // 2 :: every]}
@@ -65,6 +67,7 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
         train=join(*(p for i, p in enumerate(pieces) if i not in held)),
         held_out=join(*(pieces[i] for i in sorted(held))),
         unused=1 - total / fast,
+        spins=tuple((float(data.t[a]), float(data.t[b - 1])) for a, b in _runs(spun)),
     )
 
 
@@ -83,11 +86,17 @@ def together(data: Dataset | Sequence[Dataset]) -> Dataset:
     return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))
 
 
-def driven(part: Dataset, slowest: float, least: int) -> list[Dataset]:
-    """Stretches of an experiment, of at least so many samples, in which the car is faster than ``slowest`` [m/s]."""
-    fast = np.concatenate([[False], part["v_x"] > slowest, [False]])
-    edges = np.flatnonzero(np.diff(fast.astype(int))).reshape(-1, 2)
-    return [part.rows(int(a), int(b)) for a, b in edges if b - a >= least]
+def driven(data: Dataset, wheelbase: float, least: int) -> list[Dataset]:
+    """Stretches of at least so many samples in which the car moves, and does not spin."""
+    moves = (data["v_x"] > SLOWEST * wheelbase) & ~spinning(data, wheelbase)
+    inside = [(a, *_runs(moves[a:b])) for a, b in zip(data.starts, data.stops, strict=True)]
+    return [data.rows(a + i, a + j) for a, *runs in inside for i, j in runs if j - i >= least]
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (start, stop) over which a mask is True."""
+    edges = np.flatnonzero(np.diff([0, *mask.astype(int), 0])).reshape(-1, 2)
+    return [(int(a), int(b)) for a, b in edges]
 
 
 def _cut(run: Dataset, count: int) -> list[Dataset]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycle, SaturatingBicycleParams
-from slipangle.models.vehicles.steering import Steered
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.wrappers.delayed import Delayed
 
 SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
@@ -213,6 +212,8 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "shape": (1.4, 0.2, False),
         "downforce_f": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "downforce_r": (0.0, _WINGS * p.mass / p.wheelbase, False),
+        "load_lag": (0.05, 0.05, False),
+        "height": (0.2 * p.wheelbase, 0.1 * p.wheelbase, False),
         "locked_half_track": (0.0, 0.3 * p.wheelbase, False),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
@@ -222,6 +223,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "gain_v_x": (1.0, 0.05, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "gain_M_z": (1.0, 0.2, False),
+        "gain_delta_r": (1.0, 0.2, False),
         **{f"delay_{name}": (late, 0.02, False) for name, late in AIDS_LATE.items()},
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
@@ -284,7 +286,7 @@ def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
     """The structure with one correction more, fitted from where it stood; without what it does instead, if as good."""
     own = (*before.own, *by.own)
     free = tuple(dict.fromkeys(n for n in (*before.free, *by.free) if n not in own))
-    model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
+    model = by.around(before.model)
 
     def best(model: Any, free: tuple[str, ...]) -> Fitted:
         tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
@@ -300,19 +302,6 @@ def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
 def _error(fitted: Fitted) -> float:
     """Logarithm of the free-run errors, their sum over the outputs."""
     return float(np.log(fitted.sigma).sum())
-
-
-def _steered(model: Any) -> Any:
-    """With a lag that the integrator follows; none at all would be shorter than any that it can."""
-    car = model.model
-    return replace(model, model=Steered(car, steering_lag=2.0 * car.dt / car.substeps))
-
-
-def _relaxing(model: Any) -> Any:
-    """With tires that relax, whatever is around the car."""
-    if hasattr(model, "model"):
-        return replace(model, model=_relaxing(model.model))
-    return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)
 
 
 def errors(fitted: Fitted, data: Dataset) -> np.ndarray:

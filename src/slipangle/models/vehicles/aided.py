@@ -10,8 +10,9 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
+from slipangle.models.parameters import require_in_range
 from slipangle.models.wrappers.ode_wrapper import OdeWrapper
-from slipangle.ops import Scalar, Vector, is_symbolic, is_traced, stack
+from slipangle.ops import Scalar, Vector, stack
 from slipangle.units import SI
 
 
@@ -28,11 +29,17 @@ class RearSteered(OdeWrapper):
     model : OdeModel
         The car, `Bicycle`, `SaturatingBicycle` or `RelaxingBicycle`; `TorqueVectored`, `Banked`, `Steered` and
         `Delayed` come around it.
+    gain_delta_r : float
+        True over given angle, such as of an actuator's travel. [-]
 
-    Raises ParameterError if the model is no such car.
+    Raises ParameterError if the model is no such car, or the gain out of range.
     """
 
+    _: KW_ONLY
+    gain_delta_r: float = 1.0
+
     added_inputs: ClassVar[tuple[str, ...]] = ("delta_r",)
+    own: ClassVar[dict[str, str]] = {"gain_delta_r": "true over given angle of the rear wheels"}
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, OdeModel) or not hasattr(self.model, "slip_speed"):
@@ -41,6 +48,7 @@ class RearSteered(OdeWrapper):
                 "SaturatingBicycle or a RelaxingBicycle: wrap that first, then the rest around it"
             )
         super().__post_init__()
+        require_in_range("gain_delta_r", self.gain_delta_r, self.range_of("gain_delta_r"))
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Rates of the car's states."""
@@ -59,18 +67,23 @@ class RearSteered(OdeWrapper):
         """That of the car, with the v_y of steady cornering on these rear wheels unless it was measured."""
         car: Any = self.model
         data = data.rows(0, 1)
-        away = data["delta_r"] * float(car.slip_speed(float(data["v_x"][0])))
-        straight = data.with_channel("delta", data["delta"] - data["delta_r"] / self.params.steering_gain, "rad")
+        angle = self.gain_delta_r * data["delta_r"]
+        away = angle * float(car.slip_speed(float(data["v_x"][0])))
+        straight = data.with_channel("delta", data["delta"] - angle / self.params.steering_gain, "rad")
         if "v_y" in data:
             straight = straight.with_channel("v_y", data["v_y"] - away, "m/s")
         x = np.array(super().initial_state(straight), dtype=float)
         x[self.states.index("v_y")] += away[0]
         return x
 
+    def range_of(self, name: str) -> SI:
+        """Below zero where the angle is given with the wrong sign."""
+        return SI("-", self.own[name], -5.0, 5.0)
+
     def _straight(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
         """State and inputs of the car with straight rear wheels that has the same slip angles."""
         car: Any = self.model
-        x, given, angle = x, u[: car.n_inputs], u[car.n_inputs]
+        given, angle = u[: car.n_inputs], self.gain_delta_r * u[car.n_inputs]
         away = angle * car.slip_speed(u[car.inputs.index("v_x")])
         turn = angle / self.params.steering_gain
         state = [x[i] - away if name == "v_y" else x[i] for i, name in enumerate(car.states)]
@@ -109,9 +122,7 @@ class TorqueVectored(OdeWrapper):
                 "parameter inertia_z, such as Bicycle: wrap it before Delayed or OnGround"
             )
         super().__post_init__()
-        si, value = self.range_of("gain_M_z"), self.gain_M_z
-        if not (is_symbolic(value) or is_traced(value)) and not si.lower <= value <= si.upper:
-            raise ParameterError(f"gain_M_z is {value:g}; expected {si.lower:g} to {si.upper:g}")
+        require_in_range("gain_M_z", self.gain_M_z, self.range_of("gain_M_z"))
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Rates of the car's states."""

@@ -28,6 +28,8 @@ class SaturatingBicycleParams(BicycleParams):
     gain less from load act as if there were less downforce: one that was fitted is what the tires make of it, down to a
     third of the air's. Below zero it is lift.
 
+    ``load_shift`` is what braking moves from the rear to the front; `LoadTransfer` finds it from the speed.
+
     Rear wheels that turn as one, by a solid axle or a locked differential, slip along in a bend and resist the turn:
     ``locked_half_track`` is half their track times the root of longitudinal over lateral stiffness, in between where
     the differential locks in part. Wheels in front that do the same are in it. Zero is an open differential.
@@ -62,6 +64,9 @@ class SaturatingBicycleParams(BicycleParams):
     locked_half_track: Annotated[float, SI("m", "half the rear track if its wheels turn as one", 0.0, 5.0)] = field(
         default=0.0, metadata=_NEW
     )
+    load_shift: Annotated[float, SI("-", "share of the weight moved to the front, as by braking", -0.5, 0.5)] = field(
+        default=0.0, metadata=_NEW
+    )
 
     @property
     def static_loads(self) -> tuple[Scalar, Scalar]:
@@ -71,9 +76,9 @@ class SaturatingBicycleParams(BicycleParams):
 
     def load_ratios(self, v_x: Scalar) -> tuple[Scalar, Scalar]:
         """Loads of the front and the rear axle at a speed ``v_x`` [m/s] over those at rest, at least a tenth. [-]"""
-        front, rear = self.static_loads
-        down_f, down_r = self.downforce_f * v_x * v_x, self.downforce_r * v_x * v_x
-        return maximum(1.0 + down_f / front, _LIGHTEST), maximum(1.0 + down_r / rear, _LIGHTEST)
+        (front, rear), moved = self.static_loads, self.load_shift * self.mass * GRAVITY
+        more_f, more_r = self.downforce_f * v_x * v_x + moved, self.downforce_r * v_x * v_x - moved
+        return maximum(1.0 + more_f / front, _LIGHTEST), maximum(1.0 + more_r / rear, _LIGHTEST)
 
     def load_ratio(self, v_x: Scalar) -> Scalar:
         """Load of both axles at a speed ``v_x`` [m/s] over the weight. [-]"""

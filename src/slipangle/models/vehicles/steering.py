@@ -15,7 +15,7 @@ from slipangle.models.wrappers.ode_wrapper import OdeWrapper
 from slipangle.ops import Scalar, Vector, concatenate, is_symbolic, is_traced, maximum, minimum, stack
 from slipangle.units import SI
 
-_STABLE = 0.4  # shortest lag over an explicit integrator's step
+STABLE = 0.4  # shortest lag over an explicit integrator's step
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Steered(OdeWrapper):
 
     def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
         """The same at another sample time [s], in steps that follow the lag."""
-        followed = 1 if self.model.method == "radau" else math.ceil(_STABLE * dt / self.steering_lag - 1e-9)
+        followed = 1 if self.model.method == "radau" else math.ceil(STABLE * dt / self.steering_lag - 1e-9)
         return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
 
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
@@ -99,4 +99,4 @@ class Steered(OdeWrapper):
         if name == "steering_rate":
             return SI("rad/s", self.own[name], 1e-4, math.inf)
         step = self.model.dt / self.model.substeps
-        return SI("s", self.own[name], 1e-4 if self.model.method == "radau" else _STABLE * step, 2.0)
+        return SI("s", self.own[name], 1e-4 if self.model.method == "radau" else STABLE * step, 2.0)

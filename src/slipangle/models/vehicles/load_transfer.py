@@ -1,0 +1,108 @@
+"""`LoadTransfer`: a car whose front axle carries more while it brakes, and whose rear axle does while it drives off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.models.ode import OdeModel
+from slipangle.models.parameters import require_in_range
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.vehicles.steering import STABLE
+from slipangle.models.wrappers.ode_wrapper import OdeWrapper
+from slipangle.ops import Scalar, Vector, concatenate, maximum, minimum, stack
+from slipangle.units import SI
+
+_SOONEST, _LATEST = 0.01, 0.5  # s, between which loads follow; over less the rate of a logged speed is noise
+_MOST = 0.45  # share of the weight that moves, at most
+
+
+@dataclass(frozen=True)
+class LoadTransfer(OdeWrapper):
+    """A car whose axles' loads, and with them stiffness and friction, shift as it brakes and drives off.
+
+    The front axle gains ``-mass a_x height / wheelbase`` [N], the rear one loses it. ``a_x = (v_x - v_x_s) / load_lag -
+    v_y r`` is told from the car's own input v_x [m/s]; the state ``v_x_s`` [m/s] is that speed behind a lag, about as
+    long as a body takes to pitch. What the forces along take from the tires' grip is left out.
+
+    Parameters
+    ----------
+    model : OdeModel
+        The car, `SaturatingBicycle` or `RelaxingBicycle`, or around one of these `RearSteered`, `TorqueVectored`,
+        `Banked`, `Steered`; `Delayed` comes around it.
+    height : float
+        Of the centre of gravity above ground; less where tires gain less than in proportion to load. [m]
+    load_lag : float
+        Time constant with which the loads follow. [s]
+
+    Raises ParameterError if the model is no such car, or a number is out of range.
+
+    Examples
+    --------
+    ``LoadTransfer(car, height=0.5)``, then ``GreyBox(start=..., free=("C_f", "C_r", "height"))``.
+    """
+
+    _: KW_ONLY
+    height: float
+    load_lag: float = 0.05
+
+    added_states: ClassVar[tuple[str, ...]] = ("v_x_s",)
+    own: ClassVar[dict[str, str]] = {
+        "height": "centre of gravity above ground, as far as the tires follow load",
+        "load_lag": "time constant with which the loads follow braking",
+    }
+
+    def __post_init__(self) -> None:
+        names = self.model.parameter_names if isinstance(self.model, OdeModel) else ()
+        if not {"load_shift", "gain_v_x"} <= {*names} or "height" in names:
+            raise ParameterError(
+                f"the car with load transfer is a {type(self.model).__name__}; expected a SaturatingBicycle or a "
+                "RelaxingBicycle without: wrap that before Delayed or OnGround"
+            )
+        super().__post_init__()
+        for name in self.own:
+            require_in_range(name, getattr(self, name), self.si(name))
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """Rates of the car's states, then of ``v_x_s``. [m/s2]"""
+        return concatenate([self._loaded(x, u).derivative(*self.inside(x, u)), stack([self._gains(x, u)])])
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Those of the car on these loads."""
+        return self._loaded(x, u).signals(*self.inside(x, u))
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Outputs of the car on these loads."""
+        return self._loaded(x, u).output(*self.inside(x, u))
+
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same at another sample time [s], in steps that follow the lag."""
+        followed = 1 if self.model.method == "radau" else math.ceil(STABLE * dt / self.load_lag - 1e-9)
+        return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """The car's state, at a speed that stays."""
+        return np.append(super().initial_state(data), data["v_x"][data.n_samples - 1])
+
+    def range_of(self, name: str) -> SI:
+        """No height is that of tires that do not follow load; the shortest lag is what the integrator can follow."""
+        if name == "height":
+            return SI("m", self.own[name], 0.0, 5.0)
+        return SI("s", self.own[name], max(_SOONEST, STABLE * self.model.dt / self.model.substeps), _LATEST)
+
+    def _gains(self, x: Vector, u: Vector) -> Scalar:
+        """Rate of the logged speed, a lag ago. [m/s2]"""
+        return (u[self.inputs.index("v_x")] - x[self.model.n_states]) / self.load_lag
+
+    def _loaded(self, x: Vector, u: Vector) -> OdeModel:
+        """The car with the loads of this moment."""
+        p: Any = self.params
+        v_y, r = (x[self.states.index(name)] for name in ("v_y", "r"))
+        a_x = p.gain_v_x * self._gains(x, u) - v_y * r
+        share = p.load_shift - self.height * a_x / (GRAVITY * p.wheelbase)
+        return self.model.with_values(load_shift=maximum(minimum(share, _MOST), -_MOST))
