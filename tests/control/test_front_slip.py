@@ -61,6 +61,9 @@ def test_steered_rear_wheels_slip_by_their_angle_more():
     straight = OnGround(late(SaturatingBicycle(params=CAR, dt=0.02)))
     without = np.delete(u, model.inputs.index("delta_r"))
     assert rear_slip(straight)(x, without, None) == pytest.approx(-u[model.inputs.index("delta_r")])
+    double = late(RearSteered(SaturatingBicycle(params=CAR, dt=0.02), gain_delta_r=2.0))
+    u[double.inputs.index("delta_r")] *= 0.5
+    assert rear_slip(double)(x, u, None) == pytest.approx(0.0, abs=1e-15)
     assert front_slip(model)(x, u, None) == pytest.approx(front_slip(straight)(x, without, None))
 
 

@@ -19,6 +19,7 @@ from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
@@ -155,6 +156,7 @@ VARIANTS = {
     "rear wheels, moment, bank": lambda: driver(
         double_lane_change(20.0), Banked(TorqueVectored(RearSteered(KNOWN))), 6, Weights(e_y=1.0, e_psi=10.0)
     ),
+    "shifting loads, saturating": lambda: driver(double_lane_change(20.0), LoadTransfer(SATURATING, height=0.5)),
     "short, saturating": lambda: driver(double_lane_change(20.0), SATURATING, speed=PEDALS),
 }
 EACH = pytest.mark.parametrize(

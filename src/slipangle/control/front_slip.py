@@ -44,6 +44,8 @@ class FrontSlip:
         Slip angle at which the axle's force is largest. [rad]
     rear : int
         Place of the steered rear wheels' angle in the inputs; below zero: they are straight.
+    gain : float
+        True over given angle of these. [-]
     """
 
     places: tuple[int, int]
@@ -53,6 +55,7 @@ class FrontSlip:
     params: Any
     peak: float
     rear: int
+    gain: float
 
     axle: ClassVar[str] = "f"
 
@@ -83,7 +86,7 @@ class RearSlip(FrontSlip):
         p = self.params
         v = slip_speed(u[self.speed], p)
         angle = small_slip_angles(v, x[self.places[0]], x[self.places[1]], 0.0, p)[1]
-        return angle if self.rear < 0 else angle + u[self.rear]
+        return angle if self.rear < 0 else angle + self.gain * u[self.rear]
 
 
 def front_slip(model: Model, control: str = "delta") -> FrontSlip | None:
@@ -127,6 +130,7 @@ def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None
         params=params,
         peak=peak,
         rear=model.inputs.index("delta_r") if "delta_r" in model.inputs else -1,
+        gain=inner.value("gain_delta_r") if "gain_delta_r" in inner.parameter_names else 1.0,
     )
 
 
