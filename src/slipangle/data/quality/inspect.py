@@ -271,18 +271,18 @@ def _offsets(data: Dataset) -> tuple[Offset, ...]:
     straight = np.all([_small(data, n) for n in turning], axis=0)
     if "v_x" in data:
         straight &= data["v_x"] > _STANDING * np.quantile(data["v_x"], _MOST)
-    lasting = [(a, b) for a, b in _runs(data, straight) if (b - a) * data.dt >= _SETTLED]
+    lasting = [(a, b) for a, b in runs(data, straight) if (b - a) * data.dt >= _SETTLED]
     straight = np.zeros(len(straight), dtype=bool)
     for a, b in lasting:
         straight[a:b] = True
     if straight.sum() < max(20, round(1 / data.dt)):
         return ()
-    runs = len(lasting)  # samples side by side tell the same
+    count = len(lasting)  # samples side by side tell the same
     offsets = []
     for name in ("delta", "delta_sw", "v_y", "beta", "steering"):
         if name in data and _moves(data[name]):
             x = data[name][straight]
-            value, error = float(np.median(x)), float(x.std() / np.sqrt(runs))
+            value, error = float(np.median(x)), float(x.std() / np.sqrt(count))
             samples = int(straight.sum())
             offsets.append(Offset(channel=name, value=value, error=error, samples=samples, unit=data.unit(name)))
     return tuple(offsets)
@@ -295,20 +295,20 @@ def _small(data: Dataset, name: str) -> np.ndarray:
     return np.abs(np.concatenate(means)) < _STRAIGHT * np.quantile(np.abs(data[name]), _MOST)
 
 
-def _runs(data: Dataset, where: np.ndarray) -> list[tuple[int, int]]:
+def runs(data: Dataset, where: np.ndarray) -> list[tuple[int, int]]:
     """Rows (start, stop) of each run of samples, none across the border of two experiments."""
-    runs, offset = [], 0
+    found, offset = [], 0
     for part in data.experiments:
         edges = np.flatnonzero(np.diff([0, *where[offset : offset + len(part)].astype(int), 0])).reshape(-1, 2)
-        runs += [(offset + a, offset + b) for a, b in edges.tolist()]
+        found += [(offset + a, offset + b) for a, b in edges.tolist()]
         offset += len(part)
-    return runs
+    return found
 
 
 def resting(data: Dataset, name: str) -> list[tuple[int, int]]:
     """Rows (start, stop) over which a channel does not change, at least two samples long."""
     same = [np.append(np.diff(part[name]) == 0, False) for part in data.experiments]
-    return [(a, b + 1) for a, b in _runs(data, np.concatenate(same))]
+    return [(a, b + 1) for a, b in runs(data, np.concatenate(same))]
 
 
 def _stretch(data: Dataset, name: str) -> Stretch | None:

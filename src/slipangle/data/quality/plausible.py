@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.inspect import resting
+from slipangle.data.quality.inspect import resting, runs
 from slipangle.data.quality.spins import spinning
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
@@ -99,11 +99,7 @@ def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]], wheelbase: 
     bad = spinning(data, wheelbase)
     for a, b in (rows for each in stuck.values() for rows in each):
         bad[a:b] = True
-    parts = []
-    for part, first, last in zip(data.experiments, data.starts, data.stops, strict=True):
-        edges = np.flatnonzero(np.diff([1, *bad[first:last], 1]))
-        parts += [part.rows(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return parts
+    return [data.rows(a, b) for a, b in runs(data, ~bad)]
 
 
 def _smoothed(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.data.quality.inspect import runs
 
 _SIDEWAYS = 0.7  # v_y over v_x, of a car that faces elsewhere than it goes
 _TURNED = 1.2  # tangent of a steering angle that turns a car so, further than road wheels do
@@ -27,10 +28,9 @@ def spinning(data: Dataset, wheelbase: float) -> np.ndarray:
         spins |= np.abs(data["v_y"]) > np.maximum(_SIDEWAYS * np.abs(data["v_x"]), slowest)
     around = np.zeros(data.n_samples, dtype=bool)
     before, after = round(_BEFORE / data.dt), round(_AFTER / data.dt)
-    for first, last in zip(data.starts, data.stops, strict=True):
-        edges = np.flatnonzero(np.diff([0, *spins[first:last].astype(int), 0])).reshape(-1, 2) + first
-        for a, b in edges:
-            if (b - a) * data.dt >= _LASTS:
-                around[max(a - before, first) : min(b + after, last)] = True
+    for a, b in runs(data, spins):
+        if (b - a) * data.dt >= _LASTS:
+            first, last = max(s for s in data.starts if s <= a), min(s for s in data.stops if s >= b)
+            around[max(a - before, first) : min(b + after, last)] = True
     moving = int(np.sum(np.abs(data["v_x"]) > slowest))
     return around if spins.sum() <= _RARE * moving and around.sum() <= _MOST * moving else np.zeros_like(around)

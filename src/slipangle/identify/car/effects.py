@@ -29,20 +29,18 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     in for a lag of another shape. A speed is wrong by a few percent or more, rear wheels by a tenth. Lift of that size
     has no car that is driven so fast: it is what roads and drivers do with speed.
     """
+    if names not in (DOWNFORCE, LOCKED, RATE, *_SCALES):
+        return _ANY
+    std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[[fitted.names.index(name) for name in names]], 0.0))
     if names == DOWNFORCE:
         size = (_ratios(fitted, FAST) - 1.0) / _LEAST
     elif names == LOCKED:
         size = np.array([fitted.model.ode.params.locked_share / _RESISTS])
     elif names == RATE:
-        std = float(np.sqrt(np.diag(covariance(fitted)[0])[fitted.names.index(*RATE)]))
-        size = np.array([_SHARP * fitted.values[RATE[0]] / max(_SURE[0] * std, 1e-300)])
-    elif names in _SCALES:
-        size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
+        size = _SHARP * fitted.values[RATE[0]] / np.maximum(_SURE[0] * std, 1e-300)
     else:
-        return _ANY
+        size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
     none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED else _SURE
-    at = [fitted.names.index(name) for name in names]
-    std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[at], 0.0))
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
     return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
 

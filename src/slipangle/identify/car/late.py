@@ -43,10 +43,10 @@ def late(final: Fitted, data: Dataset) -> tuple[float, Fitted] | None:
         seconds += more
         if not max(_SURE * std, _LEAST) < abs(seconds) < _MOST:
             return None
-        found = fit(final.model, final.free, _earlier(data, seconds), final, own=final.own)
+        found = fit(final.model, final.free, earlier(data, seconds), final, own=final.own)
         if abs(more) < std:
             break
-    squares = (errors(f, _earlier(data, s, abs(seconds))) for f, s in ((final, 0.0), (found, seconds)))
+    squares = (errors(f, earlier(data, s, abs(seconds))) for f, s in ((final, 0.0), (found, seconds)))
     moved, scatter = change(*squares)
     return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None
 
@@ -80,12 +80,12 @@ def _lateness(fitted: Fitted) -> tuple[float, float]:
     return of(whole), few(count) * float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
 
 
-def _earlier(data: Dataset, seconds: float, cut: float | None = None) -> Dataset:
-    """Every stretch with v_y as it was so much later, without ``cut`` seconds, by default as many, at both ends."""
+def earlier(data: Dataset, seconds: float, cut: float | None = None, name: str = "v_y") -> Dataset:
+    """Every stretch with a channel as it was so much later, less ``cut`` seconds, by default as many, at both ends."""
     samples = int(np.ceil(round(abs(seconds if cut is None else cut) / data.dt, 6)))
     parts = []
     for part in data.experiments:
         t = np.arange(part.n_samples) * part.dt
-        moved = part.with_channel("v_y", np.interp(t + seconds, t, part["v_y"]), part.unit("v_y"))
+        moved = part.with_channel(name, np.interp(t + seconds, t, part[name]), part.unit(name))
         parts.append(moved.rows(samples, part.n_samples - samples))
     return join(*parts)

@@ -7,8 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset
 from slipangle.data.quality.plausible import REAR, doubts
+from slipangle.identify.car.late import earlier
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import Fitted, change, errors
 
@@ -42,7 +43,9 @@ def doubts_with_rear(
         if factor <= 1 or 0 < factor * largest < REAR
     ]
     sooner = "it is logged late; shift it, or take another sensor: until then no interval of this car holds"
-    others += [(partial(_sooner, late), f"{late:g} s earlier", sooner) for late in _LATE]
+    others += [
+        (partial(earlier, seconds=late, cut=0.0, name="delta_r"), f"{late:g} s earlier", sooner) for late in _LATE
+    ]
     for other, how, fix in others:
         as_read = other(some)
         moved, scatter = change(at, errors(fitted(as_read), as_read))
@@ -64,12 +67,3 @@ def _as_logged(data: Dataset) -> Dataset:
 
 def _scaled(factor: float, data: Dataset) -> Dataset:
     return data.with_channel("delta_r", factor * data["delta_r"], "rad")
-
-
-def _sooner(seconds: float, data: Dataset) -> Dataset:
-    """Every experiment with the angle as it was logged so much later, at its end as it stayed."""
-    parts = []
-    for part in data.experiments:
-        t = np.arange(part.n_samples) * part.dt
-        parts.append(part.with_channel("delta_r", np.interp(t + seconds, t, part["delta_r"]), "rad"))
-    return join(*parts)

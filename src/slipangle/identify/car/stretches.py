@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.inspect import runs
 from slipangle.data.quality.spins import spinning
 from slipangle.errors import MissingColumnError, TooShortError
 from slipangle.identify.car.corrections import RECORDING
@@ -67,7 +68,7 @@ def stretches(data: Dataset, wheelbase: float) -> Stretches:
         train=join(*(p for i, p in enumerate(pieces) if i not in held)),
         held_out=join(*(pieces[i] for i in sorted(held))),
         unused=1 - total / fast,
-        spins=tuple((float(data.t[a]), float(data.t[b - 1])) for a, b in _runs(spun)),
+        spins=tuple((float(data.t[a]), float(data.t[b - 1])) for a, b in runs(data, spun)),
     )
 
 
@@ -89,14 +90,7 @@ def together(data: Dataset | Sequence[Dataset]) -> Dataset:
 def driven(data: Dataset, wheelbase: float, least: int) -> list[Dataset]:
     """Stretches of at least so many samples in which the car moves, and does not spin."""
     moves = (data["v_x"] > SLOWEST * wheelbase) & ~spinning(data, wheelbase)
-    inside = [(a, *_runs(moves[a:b])) for a, b in zip(data.starts, data.stops, strict=True)]
-    return [data.rows(a + i, a + j) for a, *runs in inside for i, j in runs if j - i >= least]
-
-
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Rows (start, stop) over which a mask is True."""
-    edges = np.flatnonzero(np.diff([0, *mask.astype(int), 0])).reshape(-1, 2)
-    return [(int(a), int(b)) for a, b in edges]
+    return [data.rows(a, b) for a, b in runs(data, moves) if b - a >= least]
 
 
 def _cut(run: Dataset, count: int) -> list[Dataset]:

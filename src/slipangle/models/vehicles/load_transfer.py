@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Self
 
@@ -13,7 +12,6 @@ from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import require_in_range
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.models.vehicles.steering import STABLE
 from slipangle.models.wrappers.ode_wrapper import OdeWrapper
 from slipangle.ops import Scalar, Vector, concatenate, maximum, minimum, stack
 from slipangle.units import SI
@@ -82,8 +80,7 @@ class LoadTransfer(OdeWrapper):
 
     def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
         """The same at another sample time [s], in steps that follow the lag."""
-        followed = 1 if self.model.method == "radau" else math.ceil(STABLE * dt / self.load_lag - 1e-9)
-        return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
+        return super().resampled(dt, substeps=max(substeps, self.following(self.load_lag, dt)), outputs=outputs)
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """The car's state, at a speed that stays."""
@@ -93,7 +90,7 @@ class LoadTransfer(OdeWrapper):
         """No height is that of tires that do not follow load; the shortest lag is what the integrator can follow."""
         if name == "height":
             return SI("m", self.own[name], 0.0, 5.0)
-        return SI("s", self.own[name], max(_SOONEST, STABLE * self.model.dt / self.model.substeps), _LATEST)
+        return SI("s", self.own[name], max(_SOONEST, self.shortest_lag), _LATEST)
 
     def _gains(self, x: Vector, u: Vector) -> Scalar:
         """Rate of the logged speed, a lag ago. [m/s2]"""

@@ -15,8 +15,6 @@ from slipangle.models.wrappers.ode_wrapper import OdeWrapper
 from slipangle.ops import Scalar, Vector, concatenate, is_symbolic, is_traced, maximum, minimum, stack
 from slipangle.units import SI
 
-STABLE = 0.4  # shortest lag over an explicit integrator's step
-
 
 @dataclass(frozen=True)
 class Steered(OdeWrapper):
@@ -75,8 +73,7 @@ class Steered(OdeWrapper):
 
     def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
         """The same at another sample time [s], in steps that follow the lag."""
-        followed = 1 if self.model.method == "radau" else math.ceil(STABLE * dt / self.steering_lag - 1e-9)
-        return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
+        return super().resampled(dt, substeps=max(substeps, self.following(self.steering_lag, dt)), outputs=outputs)
 
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
         """The car's state, and its inputs with the steering where it is, shapes (n_states,), (n_inputs,)."""
@@ -98,5 +95,4 @@ class Steered(OdeWrapper):
         """The shortest lag is what the integrator can follow."""
         if name == "steering_rate":
             return SI("rad/s", self.own[name], 1e-4, math.inf)
-        step = self.model.dt / self.model.substeps
-        return SI("s", self.own[name], 1e-4 if self.model.method == "radau" else STABLE * step, 2.0)
+        return SI("s", self.own[name], self.shortest_lag or 1e-4, 2.0)

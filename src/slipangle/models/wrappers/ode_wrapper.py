@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -13,6 +14,8 @@ from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import Method
 from slipangle.ops import Scalar, Vector, concatenate
 from slipangle.units import SI
+
+_STABLE = 0.4  # shortest lag over an explicit integrator's step
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,15 @@ class OdeWrapper(OdeModel):
             object.__setattr__(self, name, getattr(self.model, name))
         object.__setattr__(self, "states", (*self.model.states, *self.added_states))
         object.__setattr__(self, "inputs", (*self.model.inputs, *self.added_inputs))
+
+    def following(self, lag: Scalar, dt: float) -> int:
+        """Substeps of a sample [s] that follow a lag. [s]"""
+        return 1 if self.model.method == "radau" else math.ceil(_STABLE * dt / lag - 1e-9)
+
+    @property
+    def shortest_lag(self) -> float:
+        """That the integrator follows; an implicit one follows any. [s]"""
+        return 0.0 if self.model.method == "radau" else _STABLE * self.model.dt / self.model.substeps
 
     def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
         """The same at another sample time [s]."""
