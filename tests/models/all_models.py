@@ -135,7 +135,7 @@ ALL_MODELS = {
         RelaxingBicycle(params=AXLES, dt=0.02, outputs=("r", "a_y")), height=0.5, load_lag=0.06
     ),
     "steered, with load transfer": Steered(
-        LoadTransfer(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), height=0.4), steering_lag=0.05
+        LoadTransfer(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), height=0.4, drive_rear=0.3), steering_lag=0.05
     ),
     "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),

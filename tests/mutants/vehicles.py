@@ -179,6 +179,10 @@ MUTANTS = [
             ("load transfer: braking unloads the front", "p.load_shift - self.height", "p.load_shift + self.height"),
             ("load transfer: a car that turns gains no speed across", "- v_y * r", "+ v_y * r"),
             ("load transfer: the speed as logged", "p.gain_v_x * self._gains", "self._gains"),
+            ("load transfer: brakes drive", "self.drive_rear * drive", "self.brake_rear * drive"),
+            ("load transfer: the front does what the rear does", "(a_x - rear) *", "rear *"),
+            ("load transfer: a tire alike both ways", "(used / _ALONG) ** 2", "used**2"),
+            ("load transfer: grip of the car at rest", "(p.mu_r * loads[1] * p.l_f)", "(p.mu_r * p.l_f)"),
         ],
     ),
     *mistakes(

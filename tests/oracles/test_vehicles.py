@@ -302,8 +302,12 @@ def test_relaxing_bicycle():
 
 @pytest.mark.parametrize("steered", [False, True])
 def test_load_transfer(steered):
-    """What braking moves forward balances the moment of the car's inertia about the ground, height above it."""
-    params, of = SaturatingBicycleParams(**SATURATING, **STEERED), dict(height=0.52, load_lag=0.07)
+    """What braking moves forward balances the moment of the car's inertia about the ground, height above it.
+
+    Three tenths of what drives the car and six of what slows it act on the front axle.
+    """
+    params = SaturatingBicycleParams(**SATURATING, **STEERED)
+    of = dict(height=0.52, load_lag=0.07, drive_rear=0.7, brake_rear=0.4)
     car = SaturatingBicycle(params=replace(params, gain_v_x=0.93), dt=0.01, outputs=("a_y",))
     model = LoadTransfer(Steered(car, steering_lag=0.08), **of) if steered else LoadTransfer(car, **of)
 
@@ -312,8 +316,10 @@ def test_load_transfer(steered):
         rate, v_x = (logged - v_x_s) / 0.07, 0.93 * logged
         a_x = 0.93 * rate - v_y * r
         slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta_s[0] if steered else delta), v_x)
-        forward = -CHASSIS["mass"] * a_x * 0.52 / CHASSIS["wheelbase"]
-        found = vehicles.saturating_bicycle(SATURATING | {"forward": forward}, v_y, r, *slip, v_x)
+        F_x = CHASSIS["mass"] * a_x
+        along_f = np.where(F_x > 0, 0.3 * F_x, 0.6 * F_x)
+        pushed = {"forward": -F_x * 0.52 / CHASSIS["wheelbase"], "along_f": along_f, "along_r": F_x - along_f}
+        found = vehicles.saturating_bicycle(SATURATING | pushed, v_y, r, *slip, v_x)
         turning = [(delta - delta_s[0]) / 0.08] if steered else []
         return [*found[:2], *turning, rate, found[2]]
 
@@ -322,11 +328,12 @@ def test_load_transfer(steered):
     agree(rates(model, "a_y"), oracle, uniform(9, 300, *states, STATE["delta"], fast))
 
 
-def test_more_load_than_there_is_does_not_move():
-    """A speed that jumps, as wheels that lock or a receiver that loses its place show it, turns no car over."""
+def test_a_speed_that_jumps_turns_no_car_over():
+    """Wheels that lock and a receiver that loses its place show such: a fifth of the grip stays."""
     params = SaturatingBicycleParams(**SATURATING)
-    model = LoadTransfer(SaturatingBicycle(params=params, dt=0.01), height=0.5, load_lag=0.05)
-    held = SaturatingBicycle(params=replace(params, load_shift=0.45), dt=0.01)
+    model = LoadTransfer(SaturatingBicycle(params=params, dt=0.01), height=0.5, load_lag=0.05, brake_rear=0.4)
+    weak = {name: 0.2 * getattr(params, name) for name in ("C_f", "C_r", "mu_f", "mu_r")}
+    held = SaturatingBicycle(params=replace(params, load_shift=0.45, **weak), dt=0.01)
     x, u = np.array([0.1, 0.2]), np.array([0.05, 20.0])
     jumped = model.derivative(np.array([*x, 40.0]), u)
     assert jumped[:2] == pytest.approx(held.derivative(x, u), rel=1e-12)

@@ -60,6 +60,7 @@ from slipangle.workflow.hints import called, is_model, is_record, parts
 
 _WEIGHTS = 1_000_000  # of a network
 _LAG, _RATE = 0.05, 2.0  # s and rad/s that a fit of an actuator starts from
+AROUND = tuple(n for kind in (Steered, RearSteered, TorqueVectored, LoadTransfer) for n in kind.own)  # a job's car
 _HEIGHT, _LOAD_LAG = 0.2, 0.05  # wheelbases and s, that one of load transfer starts from
 
 
@@ -128,7 +129,8 @@ class PhysicsEntries:
         A car whose values stand where ``car`` says none.
     free : tuple of str
         Parameters that are fitted; ``delay_`` before an input is its delay, steering_lag and steering_rate are those of
-        an actuator where the model has none, height and load_lag those of a car whose loads shift as it brakes. [s]
+        an actuator where the model has none, height, load_lag, drive_rear and brake_rear those of a car whose loads
+        shift as it brakes.
     per_experiment : tuple of str
         Parameters with one value for each file, and for each stretch of a file between gaps.
     banked : bool
@@ -239,7 +241,7 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
     physics = as_physics(thing)
     if physics is not None:
         entries = vars(record(PhysicsEntries, table, where))
-        known = (*physics.parameters.metadata(), *Steered.own, *RearSteered.own, *TorqueVectored.own, *LoadTransfer.own)
+        known = (*physics.parameters.metadata(), *AROUND)
         for name in entries["car"]:
             if name not in known:
                 near = nearest(name[:60], known, every=True)
@@ -347,8 +349,9 @@ def _actuated(start: OdeModel, wanted: PhysicsEntries, physics: Physics) -> OdeM
     car = Banked(car) if wanted.banked else car
     of_car = physics.parameters.metadata()
     if {*LoadTransfer.own} & named - {*of_car}:
-        height = wanted.car.get("height", _HEIGHT * start.value("wheelbase"))
-        car = LoadTransfer(car, height=height, load_lag=wanted.car.get("load_lag", _LOAD_LAG))
+        usual = {"height": _HEIGHT * start.value("wheelbase"), "load_lag": _LOAD_LAG}
+        given: Any = usual | {n: v for n, v in wanted.car.items() if n in LoadTransfer.own}
+        car = LoadTransfer(car, **given)
     own = [n for n in Steered.own if n in named and n not in of_car]
     if not own:
         return car

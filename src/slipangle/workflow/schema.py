@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from slipangle.fields import Within
-from slipangle.models.vehicles.load_transfer import LoadTransfer
-from slipangle.models.vehicles.steering import Steered
 from slipangle.optimal.terms import Limits
 from slipangle.units import SI
 from slipangle.workflow.hints import bound, called, expressible, is_log, is_model, is_named, is_record, parts
+from slipangle.workflow.kinds import AROUND
 from slipangle.workflow.reference import Key, Table, tables
 
 _SIMPLE = {float: "number", int: "integer", str: "string", bool: "boolean"}
@@ -46,7 +45,7 @@ def _of_kinds(name: str, known: Mapping[str, Table]) -> dict[str, Any]:
         if cars is not None:
             own["properties"]["car"] = _object(cars) | {"required": []}
             del own["properties"]["car"]["properties"]["kind"]
-            own["properties"]["car"]["properties"] |= {n: {"type": "number"} for n in (*Steered.own, *LoadTransfer.own)}
+            own["properties"]["car"]["properties"] |= {n: {"type": "number"} for n in AROUND}
         usual = next(k for k in common.keys if k.name == "kind").entry.default
         if usual != table.kind:
             own["required"] = [*dict.fromkeys((*own["required"], "kind"))]

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import join
 from slipangle.identify.car import structures
+from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.uncertainty import covariance
 from tests.identify.car.test_identify_car import DT, KNOWN, STEERING, TRUE, log
@@ -29,11 +30,8 @@ def test_intervals_hold_whatever_the_colour(pole, outputs):
     known = {n: TRUE[n] for n in (*structures.STIFF, "mu_f", "mu_r")}
     known |= {"delay_delta": STEERING["delay"], "steering_lag": STEERING["lag"]}
     known |= {"steering_gain": STEERING["gain"], "steering_offset": STEERING["offset"]}
-    lagging = structures.corrected(
-        structures.fit(guess, ("C_f",), data),
-        structures.Correction("", ("delay_delta", "steering_lag"), steered=True),
-        data,
-    ).model
+    late = next(c for c in corrections(data, KNOWN["wheelbase"], ()) if "steering_lag" in c.free)
+    lagging = structures.corrected(structures.fit(guess, ("C_f",), data), late, data).model
     found = structures.fit(lagging.with_values(**known), FREE, data)
     size = np.array([SIZES[name] for name in outputs])
     slopes = found.jacobian * (found.sigma / size)[None, :, None]

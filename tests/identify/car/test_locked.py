@@ -1,12 +1,13 @@
 """A car whose rear wheels turn as one, from a log of it, by equations of its own."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from benchmarks.foreign_cars import fleet
 
 from slipangle.identify.car.corrections import LOCKED, corrections
-from slipangle.identify.car.effects import told
+from slipangle.identify.car.effects import told, turned_away
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.models.vehicles.driveline import Differential
@@ -48,6 +49,19 @@ def test_only_what_a_locked_axle_would_do_is_told(half, locked):
     final = fit(guess, (*STIFF, *LOCKED), data)
     assert final.values["locked_half_track"] == pytest.approx(half, abs=0.25)
     assert (told(final, LOCKED) > 1) == locked
+
+
+def test_it_is_not_bought_by_a_gain_that_was_given_otherwise():
+    """Both ask for more steering in any bend; one that brings the gain back to what was given is another matter."""
+
+    def fitted(gain, *free):
+        return SimpleNamespace(model=first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=gain), free=free)
+
+    given = fitted(0.06)
+    assert turned_away(given, fitted(0.061), fitted(0.07, *LOCKED))
+    assert not turned_away(given, fitted(0.045), fitted(0.062, *LOCKED))
+    assert not turned_away(given, fitted(0.061), fitted(0.07))
+    assert not turned_away(given, fitted(0.061, *LOCKED), fitted(0.07, *LOCKED))
 
 
 def test_it_is_tried_where_more_than_the_yaw_rate_is_measured():

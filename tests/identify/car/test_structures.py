@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from itertools import cycle
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car import structures
 from slipangle.identify.car.corrections import corrections
-from slipangle.identify.car.sentences import unsettled
+from slipangle.identify.car.sentences import sensors, unsettled
 from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
@@ -109,3 +111,19 @@ def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_la
     assert before.values["steering_lag"] > 0.06
     assert after.sigma[0] < 0.6 * before.sigma[0]
     assert limit.adds_nothing_to((*STIFF, "steering_gain"), ())  # wheels that are not late are not slow
+
+
+@pytest.mark.parametrize(("step", "doubted"), [(0.02, False), (0.2, True)])
+def test_a_servo_at_its_limit_whose_angle_is_logged_too_seldom_is_doubted(step, doubted):
+    """It is 0.12 rad behind at its largest rate."""
+    swept = 0.2 - np.abs(np.arange(400) * step % 0.8 - 0.4)
+    log = Dataset.from_arrays({"delta": swept}, {"r": swept}, DT)
+    final: Any = SimpleNamespace(
+        names=(),
+        problem=SimpleNamespace(base_names=(), data=log),
+        values={"steering_rate": 1.5, "steering_lag": 0.08},
+        model=SimpleNamespace(dt=DT),
+    )
+    said = sensors(final, np.zeros((0, 0)), 1.0)
+    assert len(said) == doubted
+    assert all("no interval holds" in sentence for sentence in said)

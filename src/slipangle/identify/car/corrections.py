@@ -20,7 +20,7 @@ LOCKED = ("locked_half_track",)
 SPEED = ("gain_v_x",)
 REAR = ("gain_delta_r",)
 RATE = ("steering_rate",)
-LOADS = ("height", "load_lag")
+LOADS = ("height", "load_lag", "drive_rear", "brake_rear")
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _RATES = (0.5, 0.2)  # limit of the steering's rate where its search starts, over the fastest that was steered
@@ -90,7 +90,7 @@ def corrections(
             Correction("the rear wheels turn as one", LOCKED, ({LOCKED[0]: 0.25 * wheelbase},), instead=("lever_v_y",))
         )
     if _brakes(data):
-        listed.insert(3, Correction("braking shifts the axles' loads", LOADS, around=_loaded))
+        listed.insert(3, Correction("braking shifts loads and takes grip", LOADS, around=_loaded))
     if "delta_r" in data.inputs:
         listed.append(Correction("the scale of delta_r is free", REAR))
     slow, fast = np.quantile(data["v_x"], (SLOW, FAST))
@@ -145,8 +145,8 @@ def _steered(model: Any) -> Any:
 
 
 def _loaded(model: Any) -> Any:
-    """With axles whose loads shift, as of a centre of gravity of usual height."""
-    return replace(model, model=LoadTransfer(model.model, height=0.2 * model.value("wheelbase")))
+    """With axles whose loads shift, as of a centre of gravity of usual height, driven by all wheels."""
+    return replace(model, model=LoadTransfer(model.model, height=0.2 * model.value("wheelbase"), drive_rear=0.5))
 
 
 def _relaxing(model: Any) -> Any:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, RATE, REAR, SLOW, SPEED, Correction
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOADS, LOCKED, RATE, REAR, SLOW, SPEED, Correction
 from slipangle.identify.car.structures import AS_GOOD, ELSEWHERE, Fitted, change, corrected, errors, fit
 from slipangle.identify.car.uncertainty import covariance
 
 _LEAST = 0.1  # of an axle's load at rest, the least that downforce adds in fast driving
 _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
+_AWAY = 0.1  # by how much farther from the given one, as a logarithm, a locked axle may move the steering's gain
 _SHARP = 0.05  # half of the steering's largest rate's interval, over it, at most
 _SCALES = {SPEED: 0.03, REAR: 0.1}  # of a logged speed or angle, the least by which one is said to be wrong
+_DOES = {"drive_rear": "drives", "brake_rear": "slows"}
+_TELLING = 50  # percent, wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
@@ -43,6 +46,16 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED else _SURE
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
     return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
+
+
+def turned_away(first: Fitted, before: Fitted, after: Fitted) -> bool:
+    """Whether a locked axle would be bought by a steering gain farther than before from the given one, ``first``'s.
+
+    Both ask for more steering in any bend, so that each may stand in for the other where a log tells little.
+    """
+    given = first.model.value("steering_gain")
+    was, now = (abs(np.log(abs(f.model.value("steering_gain") / given))) for f in (before, after))
+    return {*LOCKED} <= {*after.free} - {*before.free} and bool(now > was + _AWAY)
 
 
 def extrapolated(fitted: Fitted) -> dict[str, float]:
@@ -120,16 +133,25 @@ def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
 
 
 def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
-    """How far braking was found to shift the axles' loads, with limits of shape (n_names, 2)."""
+    """How far braking was found to shift loads, and which wheels brake and drive; limits of shape (n_names, 2)."""
     if "height" not in final.names:
         return []
     low, high = limits[final.names.index("height")]
     share = 100 * final.values["height"] / final.model.value("wheelbase")
-    return [
+    said = [
         f"stiffness and grip move to the front axle as the car brakes, by {share:.2g} % of the weight per g, as of a "
         f"centre of gravity {final.values['height']:.2g} ({low:.2g} to {high:.2g}) m above ground: tires that gain "
         "less than in proportion to load make it less than it is"
     ]
+    shares = {name: 100 * limits[final.names.index(name)] for name in LOADS[2:]}
+    found = [
+        f"{100 * final.values[name]:.0f} % ({low:.0f} to {high:.0f}) of what {_DOES[name]} the car"
+        for name, (low, high) in shares.items()
+        if high - low < _TELLING
+    ]
+    if found:
+        said.append(f"{' and '.join(found)} acts on the rear wheels, as the grip that it takes tells")
+    return said
 
 
 def locked(final: Fitted, limits: np.ndarray) -> list[str]:

@@ -23,7 +23,7 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
-from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told
+from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told, turned_away
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
@@ -339,6 +339,7 @@ def _climb(
             other = corrected(best, correction, train)
             then = errors(other, held)
             kept = helps(best, other, at, then) and told(other, correction.free) >= 1.0
+            kept = kept and not turned_away(first, best, other)
             stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
             if kept:
                 gone = {*best.free} - {*other.free} - {*other.own}

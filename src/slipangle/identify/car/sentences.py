@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from slipangle.identify.car.corrections import SPEED, friction_used, recordings
+from slipangle.identify.car.corrections import LOADS, SPEED, friction_used, recordings
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling, worth
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -17,6 +18,7 @@ _NOTHING = 1e-3  # of the upper limit, up to which the lower one is none
 _APART = 0.015, 0.25  # half width of delay and lag from which they are not told apart: s, and share of their sum
 _WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
 _MOVED = 0.05  # change of a parameter that is worth a sentence
+_STAIRS = 0.6  # of the angle by which a steering at its largest rate is behind, that delta moves in one sample at most
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
 _MOMENT = (0.9, 1.11)  # of what a logged yaw moment, or rear wheels, do over what they say, that needs no word
@@ -156,6 +158,15 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
     if late > _LATE:
         said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
+    if "steering_rate" in final.values:
+        moved = [np.abs(np.diff(part["delta"])) for part in final.problem.data.experiments]
+        most = float(np.quantile(np.concatenate(moved), 0.95))
+        if most > _STAIRS * final.values["steering_rate"] * final.values["steering_lag"]:
+            said.append(
+                f"delta moves by {most:.2g} rad between two samples, and the steering reaches its largest rate within "
+                f"one: what it does in between decides where the wheels are; log at more than {1 / final.model.dt:.3g} "
+                "Hz; until then no interval holds"
+            )
     return said
 
 
@@ -237,9 +248,13 @@ def friction_reached(final: Fitted) -> float:
     It is ``v_x r`` as measured and the rate of v_y in a free run: in a quick swerve ``v_x r`` alone may be half as much
     again as what the tires hold.
     """
-    found, data = [], final.problem.data
+    found, data, models = [], final.problem.data, dict[int, Any]()
     for part, recording in zip(data.experiments, recordings(data), strict=True):
-        model = final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
+        if recording not in models:  # whose functions are built once
+            models[recording] = (
+                final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
+            )
+        model = models[recording]
         first = model.memory - 1
         inputs = part.select(inputs=model.inputs).u[first:]
         run = model.free_run(model.initial_state(part.rows(0, model.memory)), inputs)[:, 0]
@@ -324,8 +339,7 @@ def bounds(final: Fitted, used: float) -> list[str]:
             "relaxation_r",
             "shape",
             "steering_lag",
-            "height",
-            "load_lag",
+            *LOADS,
         ):
             said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")
     return said

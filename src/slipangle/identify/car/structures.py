@@ -213,6 +213,8 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "downforce_f": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "downforce_r": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "load_lag": (0.05, 0.05, False),
+        "drive_rear": (0.5, 0.5, False),
+        "brake_rear": (0.4, 0.3, False),
         "height": (0.2 * p.wheelbase, 0.1 * p.wheelbase, False),
         "locked_half_track": (0.0, 0.3 * p.wheelbase, False),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
@@ -309,10 +311,10 @@ def errors(fitted: Fitted, data: Dataset) -> np.ndarray:
     squares = []
     with np.errstate(over="ignore", invalid="ignore"):
         for part, recording in zip(data.experiments, recordings(data), strict=True):
-            model = fitted.model_of(recording)
-            first = model.memory - 1
-            x0 = model.initial_state(part.rows(0, model.memory))
-            run = model.free_run(x0, part.select(inputs=model.inputs).u[first:])
+            model, first = fitted.model_of(recording), fitted.model.memory - 1
+            x0 = np.asarray(model.ode.initial_state(part.rows(first, first + 1)), dtype=float)
+            values = np.array([model.value(name) for name in fitted.problem.free])
+            run = fitted.problem.run(x0, np.empty((len(x0), 0)), model.drive_rows(part), values)[1:, :, 0]
             error = (run - part.columns(model.outputs)[first + 1 :])[settling(len(run), part.dt) :]
             squares.append(np.mean(error**2, axis=0))
     return np.nan_to_num(np.array(squares), nan=np.inf, posinf=np.inf)

@@ -73,8 +73,11 @@ def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
 
 
 def _numbers(model: Parametrised, names: tuple[str, ...], free: tuple[str, ...]) -> tuple[str, ...]:
-    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values."""
-    others = tuple(n for n in names if n not in free)
+    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values.
+
+    One that is zero and stays so is none, as a whole effect may go with it.
+    """
+    others = tuple(n for n in names if n not in free and model.value(n) != 0)
     try:
         varied = model.with_values(**{n: ca.SX.sym(n) for n in (*free, *others)})
         x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", _width(model))

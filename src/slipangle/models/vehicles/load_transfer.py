@@ -1,8 +1,8 @@
-"""`LoadTransfer`: a car whose front axle carries more while it brakes, and whose rear axle does while it drives off."""
+"""`LoadTransfer`: a car whose axles carry more or less, and hold less across, while it brakes and drives off."""
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -13,20 +13,25 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import require_in_range
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.ode_wrapper import OdeWrapper
-from slipangle.ops import Scalar, Vector, concatenate, maximum, minimum, stack
+from slipangle.ops import Scalar, Vector, concatenate, maximum, minimum, sqrt, stack
 from slipangle.units import SI
 
 _SOONEST, _LATEST = 0.01, 0.5  # s, between which loads follow; over less the rate of a logged speed is noise
 _MOST = 0.45  # share of the weight that moves, at most
+_ALONG = 1.1  # friction of a tire along over that across; 1.05 to 1.22 in public tire files
+_LEFT = 0.2  # share of its force across that drive or brakes leave an axle, at least
 
 
 @dataclass(frozen=True)
 class LoadTransfer(OdeWrapper):
-    """A car whose axles' loads, and with them stiffness and friction, shift as it brakes and drives off.
+    """A car whose axles' loads shift as it brakes and drives off, and whose tires hold less across meanwhile.
 
     The front axle gains ``-mass a_x height / wheelbase`` [N], the rear one loses it. ``a_x = (v_x - v_x_s) / load_lag -
     v_y r`` is told from the car's own input v_x [m/s]; the state ``v_x_s`` [m/s] is that speed behind a lag, about as
-    long as a body takes to pitch. What the forces along take from the tires' grip is left out.
+    long as a body takes to pitch. What pushes the car along, ``mass a_x``, acts on the axles by fixed shares, drag as
+    brakes do. An axle's share ``F_x`` leaves ``sqrt(1 - (F_x / (mu_x F_z))^2)`` of its force across: the friction
+    ellipse, J. Y. Wong, Theory of Ground Vehicles, 4th ed., 2008, sec. 1.4, with ``mu_x`` a tenth above ``mu_f``,
+    ``mu_r``.
 
     Parameters
     ----------
@@ -37,6 +42,8 @@ class LoadTransfer(OdeWrapper):
         Of the centre of gravity above ground; less where tires gain less than in proportion to load. [m]
     load_lag : float
         Time constant with which the loads follow. [s]
+    drive_rear, brake_rear : float
+        Shares of the driving and of the braking force that the rear wheels have. [-]
 
     Raises ParameterError if the model is no such car, or a number is out of range.
 
@@ -48,11 +55,15 @@ class LoadTransfer(OdeWrapper):
     _: KW_ONLY
     height: float
     load_lag: float = 0.05
+    drive_rear: float = 1.0
+    brake_rear: float = 0.4
 
     added_states: ClassVar[tuple[str, ...]] = ("v_x_s",)
     own: ClassVar[dict[str, str]] = {
         "height": "centre of gravity above ground, as far as the tires follow load",
         "load_lag": "time constant with which the loads follow braking",
+        "drive_rear": "rear share of the driving force",
+        "brake_rear": "rear share of the braking force",
     }
 
     def __post_init__(self) -> None:
@@ -90,6 +101,8 @@ class LoadTransfer(OdeWrapper):
         """No height is that of tires that do not follow load; the shortest lag is what the integrator can follow."""
         if name == "height":
             return SI("m", self.own[name], 0.0, 5.0)
+        if name != "load_lag":
+            return SI("-", self.own[name], 0.0, 1.0)
         return SI("s", self.own[name], max(_SOONEST, self.shortest_lag), _LATEST)
 
     def _gains(self, x: Vector, u: Vector) -> Scalar:
@@ -97,9 +110,23 @@ class LoadTransfer(OdeWrapper):
         return (u[self.inputs.index("v_x")] - x[self.model.n_states]) / self.load_lag
 
     def _loaded(self, x: Vector, u: Vector) -> OdeModel:
-        """The car with the loads of this moment."""
+        """The car with the loads of this moment, and with what forces along leave of its forces across."""
         p: Any = self.params
         v_y, r = (x[self.states.index(name)] for name in ("v_y", "r"))
-        a_x = p.gain_v_x * self._gains(x, u) - v_y * r
-        share = p.load_shift - self.height * a_x / (GRAVITY * p.wheelbase)
-        return self.model.with_values(load_shift=maximum(minimum(share, _MOST), -_MOST))
+        a_x = (p.gain_v_x * self._gains(x, u) - v_y * r) / GRAVITY
+        share = p.load_shift - self.height * a_x / p.wheelbase
+        shifted = replace(p, load_shift=maximum(minimum(share, _MOST), -_MOST))
+        drive, brake = maximum(a_x, 0.0), minimum(a_x, 0.0)
+        rear = self.drive_rear * drive + self.brake_rear * brake
+        loads = shifted.load_ratios(p.gain_v_x * u[self.inputs.index("v_x")])
+        left_f = _across((a_x - rear) * p.wheelbase / (p.mu_f * loads[0] * p.l_r))
+        left_r = _across(rear * p.wheelbase / (p.mu_r * loads[1] * p.l_f))
+        return self.model.with_values(
+            load_shift=shifted.load_shift,
+            **dict(C_f=left_f * p.C_f, mu_f=left_f * p.mu_f, C_r=left_r * p.C_r, mu_r=left_r * p.mu_r),
+        )
+
+
+def _across(used: Scalar) -> Scalar:
+    """Share of its force across that is left to an axle whose force along is a share of its largest across."""
+    return sqrt(maximum(1.0 - (used / _ALONG) ** 2, _LEFT * _LEFT))
