@@ -61,7 +61,7 @@ def corrections(
     mu = SaturatingBicycleParams.metadata()["mu_f"]  # wrong units may go beyond any friction
     starts = (float(np.clip(share * used, mu.lower, mu.upper)) for share in _SHARES)
     frictions = tuple({"mu_f": start, "mu_r": start} for start in starts)
-    length, fastest = 0.1 * wheelbase, _fastest_steering(data)
+    length, fastest = 0.1 * wheelbase, fastest_steering(data, 0.99)
     listed = [
         Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), around=_steered),
         Correction("the steering's gain is free", ("steering_gain",)),
@@ -125,10 +125,10 @@ def friction_used(data: Dataset, p: SaturatingBicycleParams | None = None) -> fl
     return float(np.quantile(np.abs(data["v_x"] * data["r"]) / load, 0.999)) / GRAVITY
 
 
-def _fastest_steering(data: Dataset) -> float:
-    """Rate of the logged steering that is exceeded in a hundredth of the time. [rad/s]"""
+def fastest_steering(data: Dataset, share: float) -> float:
+    """Rate of the logged steering below which it stays for a share of the time. [rad/s]"""
     rates = [np.abs(np.diff(part["delta"])) / part.dt for part in data.experiments]
-    return max(float(np.quantile(np.concatenate(rates), 0.99)), 1e-3)
+    return max(float(np.quantile(np.concatenate(rates), share)), 1e-3)
 
 
 def _brakes(data: Dataset) -> bool:

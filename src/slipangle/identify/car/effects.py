@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOADS, LOCKED, RATE, REAR, SLOW, SPEED, Correction
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, RATE, REAR, SLOW, SPEED, Correction
 from slipangle.identify.car.structures import AS_GOOD, ELSEWHERE, Fitted, change, corrected, errors, fit
 from slipangle.identify.car.uncertainty import covariance
 
@@ -14,8 +14,8 @@ _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
 _AWAY = 0.1  # by how much farther from the given one, as a logarithm, a locked axle may move the steering's gain
 _SHARP = 0.05  # half of the steering's largest rate's interval, over it, at most
 _SCALES = {SPEED: 0.03, REAR: 0.1}  # of a logged speed or angle, the least by which one is said to be wrong
-_DOES = {"drive_rear": "drives", "brake_rear": "slows"}
-_TELLING = 50  # percent, wider than which the interval of such a share tells nothing
+_DOES = {"drive_rear": "drives", "brake_rear": "slows"}  # the car, by that share of it on the rear wheels
+_TELLING = 0.5  # wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
@@ -53,9 +53,11 @@ def turned_away(first: Fitted, before: Fitted, after: Fitted) -> bool:
 
     Both ask for more steering in any bend, so that each may stand in for the other where a log tells little.
     """
-    given = first.model.value("steering_gain")
-    was, now = (abs(np.log(abs(f.model.value("steering_gain") / given))) for f in (before, after))
-    return {*LOCKED} <= {*after.free} - {*before.free} and bool(now > was + _AWAY)
+    if not {*LOCKED} <= {*after.free} - {*before.free}:
+        return False
+    given, *found = (f.model.value("steering_gain") for f in (first, before, after))
+    was, now = np.abs(np.log(np.abs(np.array(found) / given)))
+    return bool(now > was + _AWAY)
 
 
 def extrapolated(fitted: Fitted) -> dict[str, float]:
@@ -143,10 +145,10 @@ def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
         f"centre of gravity {final.values['height']:.2g} ({low:.2g} to {high:.2g}) m above ground: tires that gain "
         "less than in proportion to load make it less than it is"
     ]
-    shares = {name: 100 * limits[final.names.index(name)] for name in LOADS[2:]}
+    shares = ((verb, final.values[name], *limits[final.names.index(name)]) for name, verb in _DOES.items())
     found = [
-        f"{100 * final.values[name]:.0f} % ({low:.0f} to {high:.0f}) of what {_DOES[name]} the car"
-        for name, (low, high) in shares.items()
+        f"{100 * value:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of what {verb} the car"
+        for verb, value, low, high in shares
         if high - low < _TELLING
     ]
     if found:

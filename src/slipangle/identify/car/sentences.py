@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.identify.car.corrections import LOADS, SPEED, friction_used, recordings
+from slipangle.identify.car.corrections import LOADS, SPEED, fastest_steering, friction_used, recordings
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling, worth
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -159,8 +159,7 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     if late > _LATE:
         said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
     if "steering_rate" in final.values:
-        moved = [np.abs(np.diff(part["delta"])) for part in final.problem.data.experiments]
-        most = float(np.quantile(np.concatenate(moved), 0.95))
+        most = final.model.dt * fastest_steering(final.problem.data, 0.95)
         if most > _STAIRS * final.values["steering_rate"] * final.values["steering_lag"]:
             said.append(
                 f"delta moves by {most:.2g} rad between two samples, and the steering reaches its largest rate within "

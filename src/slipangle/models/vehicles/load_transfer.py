@@ -121,10 +121,9 @@ class LoadTransfer(OdeWrapper):
         loads = shifted.load_ratios(p.gain_v_x * u[self.inputs.index("v_x")])
         left_f = _across((a_x - rear) * p.wheelbase / (p.mu_f * loads[0] * p.l_r))
         left_r = _across(rear * p.wheelbase / (p.mu_r * loads[1] * p.l_f))
-        return self.model.with_values(
-            load_shift=shifted.load_shift,
-            **dict(C_f=left_f * p.C_f, mu_f=left_f * p.mu_f, C_r=left_r * p.C_r, mu_r=left_r * p.mu_r),
-        )
+        front = {name: left_f * getattr(p, name) for name in ("C_f", "mu_f")}
+        back = {name: left_r * getattr(p, name) for name in ("C_r", "mu_r")}
+        return self.model.with_values(load_shift=shifted.load_shift, **front, **back)
 
 
 def _across(used: Scalar) -> Scalar:
