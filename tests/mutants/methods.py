@@ -271,6 +271,31 @@ MUTANTS = [
         "data/quality/test_inspect.py::test_a_pure_delay_is_found_between_the_samples",
         [("delay: leads for lags", "np.exp(2j * np.pi * np.outer(lags", "np.exp(-2j * np.pi * np.outer(lags")],
     ),
+    *mistakes(
+        "data/quality/smooth.py",
+        "data/quality/test_smooth.py",
+        [
+            ("smoothing: the nearest samples tell the noise", "np.abs(at) > near", "np.abs(at) >= 0"),
+            ("smoothing: noise is what the shortest window leaves", "if error.min() < _BETTER * error[0] else 0", ""),
+            ("smoothing: steps stay", "return np.interp(np.arange(len(x)), times, values)", "return x"),
+        ],
+    ),
+    *mistakes(
+        "identify/car/late.py",
+        "identify/car/test_braking.py::test_how_late_a_speed_is_logged_is_told",
+        [("late: sign of an input's lateness", "for seconds in (h, -h)", "for seconds in (-h, h)")],
+    ),
+    *mistakes(
+        "identify/car/logged_speed.py",
+        "identify/car/test_braking.py::test_loads_follow_a_noisy_speed_slowly",
+        [
+            (
+                "loads: as slow as without noise",
+                "if best.fun < cost(first) else final",
+                "if best.fun > cost(first) else final",
+            )
+        ],
+    ),
     # ---- control
     *mistakes(
         "optimal/ocp.py",

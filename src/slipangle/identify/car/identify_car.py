@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts, kinematic_gain
+from slipangle.data.quality.smooth import smoothed
 from slipangle.errors import (
     IdentifiabilityWarning,
     MissingColumnError,
@@ -25,6 +26,7 @@ from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told, turned_away
 from slipangle.identify.car.late import with_lateness
+from slipangle.identify.car.logged_speed import following
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
@@ -172,7 +174,9 @@ class WholeCar(Checked):
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         outputs = self._outputs(data)
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
-        whole = stretches(data.select(inputs=inputs, outputs=outputs), self.wheelbase)
+        selected = data.select(inputs=inputs, outputs=outputs)
+        calm = smoothed(selected, "v_x")  # noise of an input is no error of the outputs, and stands in for parameters
+        whole = stretches(calm, self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
@@ -188,6 +192,8 @@ class WholeCar(Checked):
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
             others, behind = with_lateness(final, others_as_good(final, dropped, whole.all), whole.all)
             used = sentences.friction_reached(final)
+            if calm is not selected:
+                final, others = following(final, stretches(selected, self.wheelbase).all), [*others, (final, 1.0)]
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
@@ -282,8 +288,8 @@ def identify_car(
     sensors' biases and the place of that of v_y, relaxation of the tires, rear wheels that turn as one where v_y or
     a_y is fitted, downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its parameters on
     three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all of them.
-    Where the car spins, the log is left out. Intervals take in what stretches, and structures that explain the log
-    about as well, disagree on.
+    Where the car spins, the log is left out. Noise and steps of v_x, an input, are taken out for the fit. Intervals
+    take in what stretches, and structures that explain the log about as well, disagree on.
 
     Parameters
     ----------

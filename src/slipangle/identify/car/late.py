@@ -1,13 +1,14 @@
-"""Whether v_y is logged later than the yaw rate, or earlier, as the motion of the car tells."""
+"""Whether v_y or v_x is logged later than the yaw rate, or earlier, as the motion of the car tells."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.identify.car.corrections import SPEED
+from slipangle.identify.car.corrections import SPEED, recordings
 from slipangle.identify.car.structures import Fitted, change, errors, fit, settling, worth
 from slipangle.identify.car.uncertainty import few
+from slipangle.identify.physics.simulation_error import FreeRunProblem
 
 _SURE = 3.92  # standard deviations from none at which a sensor is late, as effects count whole there
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
@@ -16,55 +17,52 @@ Others = list[tuple[Fitted, float]]
 
 
 def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
-    """Structures as good as a final fit, one with v_y as late as the motion says among them, and a sentence on it.
+    """Structures as good as a final fit, one with v_y or v_x as late as the motion says among them, and sentences.
 
-    Where v_y is late, by more than chance and by more than is worth a parameter, a speed of another scale, which
+    Where one is late, by more than chance and by more than is worth a parameter, a speed of another scale, which
     explains a part of that, is none of the structures.
     """
-    found = late(final, data)
-    if found is None:
-        return others, []
-    seconds, on_time = found
-    behind, before = ("v_y", "r") if seconds > 0 else ("r", "v_y")
-    said = (
-        f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late; "
-        "shift it, or take another sensor; the intervals of C_f, C_r and inertia_z hold for either"
-    )
-    return [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)], [said]
+    said = []
+    for name in ("v_y", "v_x"):
+        found = late(final, data, name)
+        if found is None:
+            continue
+        seconds, on_time = found
+        behind, before = (name, "r") if seconds > 0 else ("r", name)
+        said.append(
+            f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late; "
+            "shift it, or take another sensor; the intervals of C_f, C_r and inertia_z hold for either"
+        )
+        others = [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)]
+    return others, said
 
 
-def late(final: Fitted, data: Dataset) -> tuple[float, Fitted] | None:
-    """How late v_y is, negative if early [s], and the fit to it on time; None where it is not, or was not measured."""
-    if "v_y" not in final.model.outputs:
+def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted] | None:
+    """How late a channel is, negative if early [s], and the fit to it on time; None where it is not, or not there."""
+    if name not in (*final.model.outputs, "v_x"):
         return None
     seconds, found = 0.0, final
     for _ in range(_SEARCHES):
-        more, std = _lateness(found)
+        more, std = _lateness(found, name)
         seconds += more
         if not max(_SURE * std, _LEAST) < abs(seconds) < _MOST:
             return None
-        found = fit(final.model, final.free, earlier(data, seconds), final, own=final.own)
+        found = fit(final.model, final.free, earlier(data, seconds, name=name), final, own=final.own)
         if abs(more) < std:
             break
-    squares = (errors(f, earlier(data, s, abs(seconds))) for f, s in ((final, 0.0), (found, seconds)))
-    moved, scatter = change(*squares)
+    shifted = ((f, earlier(data, s, abs(seconds), name)) for f, s in ((final, 0.0), (found, seconds)))
+    moved, scatter = change(*(errors(f, d) for f, d in shifted))
     return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None
 
 
-def _lateness(fitted: Fitted) -> tuple[float, float]:
-    """How late v_y is by what it leaves of the errors, as all else is free to move with it, and a standard error. [s]
+def _lateness(fitted: Fitted, name: str) -> tuple[float, float]:
+    """How late a channel is by what it leaves of the errors, as all else is free to move with it, and its error. [s]
 
-    What a late output adds to the errors is its rate as the model has it, to first order. The error is of a jackknife
-    over stretches.
+    What a late channel adds to the errors is what its being earlier changes, to first order: of an output, its rate as
+    the model has it. The error is a standard one, of a jackknife over stretches.
     """
-    problem, dt = fitted.problem, fitted.model.dt
-    column, rates = fitted.model.outputs.index("v_y"), []
-    for i, y in enumerate(problem.measured):
-        run = problem.simulate(i, fitted.z)[:, column, 0]
-        rates.append(np.gradient(run, dt)[1:][settling(len(y) - 1, dt) :])
-    rate = np.zeros_like(fitted.error)
-    rate[:, column] = np.concatenate(rates) / problem.sigma[column]
-    table = np.concatenate([fitted.jacobian, -rate[:, :, None], fitted.error[:, :, None]], axis=2)
+    change = _of_the_output(fitted, name) if name in fitted.model.outputs else _of_the_input(fitted, name)
+    table = np.concatenate([fitted.jacobian, change[:, :, None], fitted.error[:, :, None]], axis=2)
     count = len(np.unique(fitted.stretch))
     pull = np.zeros((fitted.pull.shape[1] + 2,) * 2)
     pull[:-2, :-2] = fitted.pull.T @ fitted.pull
@@ -78,6 +76,32 @@ def _lateness(fitted: Fitted) -> tuple[float, float]:
     whole = each.sum(axis=0) + pull
     others = np.array([of(whole - one) for one in each])
     return of(whole), few(count) * float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
+
+
+def _of_the_output(fitted: Fitted, name: str) -> np.ndarray:
+    """Change of the errors with an output that is so much earlier, shape (n, n_outputs). [1/s]"""
+    problem, dt = fitted.problem, fitted.model.dt
+    column, rates = fitted.model.outputs.index(name), []
+    for i, y in enumerate(problem.measured):
+        run = problem.simulate(i, fitted.z)[:, column, 0]
+        rates.append(np.gradient(run, dt)[1:][settling(len(y) - 1, dt) :])
+    change = np.zeros_like(fitted.error)
+    change[:, column] = -np.concatenate(rates) / problem.sigma[column]
+    return change
+
+
+def _of_the_input(fitted: Fitted, name: str) -> np.ndarray:
+    """The same of an input, over a time in which it changes by more than its noise."""
+    problem, dt, h = fitted.problem, fitted.model.dt, 0.5 * _LEAST
+    runs = []
+    for seconds in (h, -h):
+        moved = FreeRunProblem(
+            *(fitted.model, fitted.free, fitted.own, earlier(problem.data, seconds, 0.0, name)),
+            *(False, recordings(problem.data)),
+        )
+        runs.append([moved.simulate(i, fitted.z)[1:, :, 0] for i in range(len(moved.measured))])
+    each = [(a - b)[settling(len(a), dt) :] / (2 * h * problem.sigma) for a, b in zip(*runs, strict=True)]
+    return np.concatenate(each)
 
 
 def earlier(data: Dataset, seconds: float, cut: float | None = None, name: str = "v_y") -> Dataset:
