@@ -277,7 +277,7 @@ MUTANTS = [
         [
             ("smoothing: the nearest samples tell the noise", "np.abs(at) > near", "np.abs(at) >= 0"),
             ("smoothing: noise is what the shortest window leaves", "if error.min() < _BETTER * error[0] else 0", ""),
-            ("smoothing: steps stay", "return np.interp(np.arange(len(x)), times, values)", "return x"),
+            ("smoothing: steps are noise", "alike = _STEPPED if", "alike = _ALIKE if"),
         ],
     ),
     *mistakes(

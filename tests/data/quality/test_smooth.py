@@ -43,6 +43,14 @@ def test_steps_of_1_km_h_become_lines(noise):
     assert np.abs(found["v_x"] - SPEED).max() < 1 / 3.6
 
 
+def test_rare_steps_are_wider_apart_than_noise():
+    noise = 0.004 * np.random.default_rng(4).standard_normal(len(t))
+    speed = 3.0 + np.sin(0.3 * t) + 0.3 * np.sin(0.81 * t + 1.0)
+    logged = log(np.round((speed + noise) * 3.6) / 3.6)
+    rates = [np.std(np.gradient(v, DT)) for v in (logged["v_x"], smoothed(logged, "v_x")["v_x"])]
+    assert rates[1] < 0.43 * rates[0]  # 0.36, and 0.49 of a window as for noise
+
+
 @pytest.mark.parametrize("speed", [SPEED, np.full(len(t), 20.0), np.zeros(len(t)), SPEED[:300]])
 def test_a_speed_without_noise_stays_as_it_is(speed):
     logged = log(speed)

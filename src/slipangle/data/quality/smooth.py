@@ -8,7 +8,7 @@ from scipy import signal
 from slipangle.data.dataset import Dataset
 
 _LONGEST = 1.0  # s, of a window
-_NEAR, _STEPPED = 0.05, 0.1  # s on either side in which noise may be the same, and in which steps are
+_ALIKE, _STEPPED = 0.05, 0.1  # s on either side over which noise may be the same, and over which steps are
 _MEANS = 2  # samples on either side that share noise behind a mean over two of them
 _FINER = 1.2  # one window over the next shorter one
 _BETTER = 0.9  # mean squared error of a longer window over the shortest one's, at most
@@ -19,24 +19,22 @@ def smoothed(data: Dataset, channel: str) -> Dataset:
     """Data with a channel free of most of its noise and of its steps; the very same data where it has neither.
 
     Parabolas through windows of one length [1]_, the length that best predicts samples of which the nearest ones are
-    left out; the channel stays where the shortest windows are best. One that stays and steps, as whole km/h do, is
-    taken as lines between its steps first. Not for what a model is judged by.
+    left out: more of them where a channel stays and steps, as one of whole km/h does. The channel stays as it is where
+    the shortest windows are best. Not for what a model is judged by.
 
     References
     ----------
     .. [1] A. Savitzky, M. J. E. Golay, "Smoothing and differentiation of data by simplified least squares procedures",
        Analytical Chemistry 36(8), 1964, 1627-1639.
     """
-    logged = [part[channel] for part in data.experiments]
-    parts = [_lines(x) for x in logged]
-    stepped = any(line is not x for line, x in zip(parts, logged, strict=True))
-    near = max(_MEANS, round((_STEPPED if stepped else _NEAR) / data.dt))
-    window = _window(parts, near, round(_LONGEST / data.dt))
-    if not window and not stepped:
+    parts = [part[channel] for part in data.experiments]
+    steps = np.concatenate([np.diff(x) for x in parts])
+    alike = _STEPPED if len(steps) and np.mean(steps == 0) > _STAYS else _ALIKE
+    window = _window(parts, max(_MEANS, round(alike / data.dt)), round(_LONGEST / data.dt))
+    if not window:
         return data
-    if window:
-        parts = [np.asarray(signal.savgol_filter(x, window, 2)) if len(x) >= window else x for x in parts]
-    return data.with_channel(channel, np.concatenate(parts), data.unit(channel))
+    found = [np.asarray(signal.savgol_filter(x, window, 2)) if len(x) >= window else x for x in parts]
+    return data.with_channel(channel, np.concatenate(found), data.unit(channel))
 
 
 def _window(parts: list[np.ndarray], near: int, longest: int) -> int:
@@ -59,12 +57,3 @@ def _error(parts: list[np.ndarray], n: int, near: int) -> float:
     errors = [np.convolve(x, weights[::-1], "valid") - x[n // 2 : len(x) - n // 2] for x in parts if len(x) >= n]
     rounding = 1e-9 * max(float(np.abs(x).max()) for x in parts)
     return float(np.mean(np.concatenate(errors) ** 2)) + rounding**2
-
-
-def _lines(x: np.ndarray) -> np.ndarray:
-    """A signal that mostly stays, as lines from the middle of one of its steps to that of the next."""
-    steps = np.flatnonzero(np.diff(x))
-    if not 0 < len(steps) < (1 - _STAYS) * (len(x) - 1):
-        return x
-    times, values = [0.0, *(steps + 0.5), len(x) - 1.0], [x[0], *(0.5 * (x[steps] + x[steps + 1])), x[-1]]
-    return np.interp(np.arange(len(x)), times, values)
