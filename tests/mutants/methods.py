@@ -286,6 +286,11 @@ MUTANTS = [
         [("late: sign of an input's lateness", "for seconds in (h, -h)", "for seconds in (-h, h)")],
     ),
     *mistakes(
+        "identify/car/structures.py",
+        "identify/car/test_structures.py::test_relaxation_lengths_of_both_axles_are_drawn_to_each_other",
+        [("structures: lengths drawn apart", "((one, 1.0), (other, -1.0))", "((one, 1.0), (other, 1.0))")],
+    ),
+    *mistakes(
         "identify/car/logged_speed.py",
         "identify/car/test_braking.py::test_loads_follow_a_noisy_speed_slowly",
         [

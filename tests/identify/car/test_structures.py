@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.identify.car import corrections as corrections_module
 from slipangle.identify.car import structures
 from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.sentences import sensors, unsettled
@@ -127,3 +128,15 @@ def test_a_servo_at_its_limit_whose_angle_is_logged_too_seldom_is_doubted(step, 
     said = sensors(final, np.zeros((0, 0)), 1.0)
     assert len(said) == doubted
     assert all("no interval holds" in sentence for sentence in said)
+
+
+def test_relaxation_lengths_of_both_axles_are_drawn_to_each_other(driven):
+    """Apart by a twentieth of the wheelbase costs one more than alike, whatever each of them may be."""
+    relaxing = corrections_module._relaxing(GUESS).with_values(relaxation_f=0.02, relaxation_r=0.02)
+    found = fit(relaxing, (*STIFF, "relaxation_f", "relaxation_r"), driven)
+    half = 0.025 * KNOWN["wheelbase"] / found.problem.scale[3:5]
+
+    def cost(signs):
+        return float(np.sum((found.pull[:, 3:5] @ (half * signs)) ** 2)) / found.thinning
+
+    assert cost([1.0, -1.0]) - cost([1.0, 1.0]) == pytest.approx(1.0)

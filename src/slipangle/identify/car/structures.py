@@ -32,6 +32,7 @@ _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last ste
 _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
 _WINGS = 0.005  # standard deviation of an axle's downforce per speed squared, over mass per wheelbase
 _BELOW = 0.15  # standard deviation of how far the rear's friction may lie below the front's
+_ALIKE = 0.05  # standard deviation of how far the relaxation lengths of both axles differ, over the wheelbase
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 AS_GOOD = 0.02  # rise of the squared error by which another structure may be worse and still be believed by half
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
@@ -241,11 +242,12 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
 def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> Pull:
     """What draws scaled unknowns to the prior, if samples are coloured.
 
-    The rear's friction is held from falling below the front's, and free above: a car whose rear slides long before its
-    front is not built, one whose front slides first is the rule. The mass of the first recording is the one that was
-    given: motion tells but the ratios of masses.
+    Tires of one car relax over like lengths: where the log does not tell one from the other, their difference would
+    stand in for yaw inertia. The rear's friction is held from falling below the front's, and free above: a car whose
+    rear slides long before its front is not built, one whose front slides first is the rule. The mass of the first
+    recording is the one that was given: motion tells but the ratios of masses.
     """
-    widths, centres, between = np.full(problem.n_p, np.inf), np.zeros(problem.n_p), np.zeros(problem.n_p)
+    widths, centres = np.full(problem.n_p, np.inf), np.zeros(problem.n_p)
     for i, name in enumerate(problem.base_names):
         if name in prior:
             centre, spread, relative = prior[name]
@@ -254,11 +256,12 @@ def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> Pull:
         widths[problem.base_names.index("mass")] *= _AS_GIVEN
     weight = np.sqrt(thinning) / widths
     rows, aim = np.diag(weight * problem.scale), weight * centres
+    if {"relaxation_f", "relaxation_r"} <= set(problem.free):
+        alike = _difference(problem, "relaxation_f", "relaxation_r", _ALIKE * problem.model.value("wheelbase"))
+        rows, aim = np.vstack([rows, np.sqrt(thinning) * alike]), np.append(aim, 0.0)
     if not {"mu_f", "mu_r"} <= set(problem.free):
         return lambda z: (rows @ z - aim, rows)
-    for name, sign in (("mu_f", 1.0), ("mu_r", -1.0)):
-        at = problem.free.index(name)
-        between[at] = sign * problem.scale[at] / _BELOW
+    between = _difference(problem, "mu_f", "mu_r", _BELOW)
 
     def pull(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         below = float(between @ z)  # 0 far above, itself far below, and smooth in between as an interval's end must be
@@ -267,6 +270,15 @@ def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> Pull:
         return np.append(rows @ z - aim, held), np.vstack([rows, slope * between])
 
     return pull
+
+
+def _difference(problem: FreeRunProblem, one: str, other: str, width: float) -> np.ndarray:
+    """What a parameter less another is, in widths, of scaled unknowns. (n_names,)"""
+    row = np.zeros(problem.n_p)
+    for name, sign in ((one, 1.0), (other, -1.0)):
+        at = problem.free.index(name)
+        row[at] = sign * problem.scale[at] / width
+    return row
 
 
 def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
