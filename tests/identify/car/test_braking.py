@@ -106,7 +106,9 @@ def test_loads_follow_a_noisy_speed_slowly():
     noisy = join(*(drive(seed, noise_v_x=0.15) for seed in range(4))).hold_mean()
     calm = smoothed(noisy, "v_x")
     found = found_by(calm)[1]
-    online = following(found, noisy)
+    online, others = following(found, [], noisy)
+    assert others == [(found, 1.0)]
+    assert following(found, [], calm) == (found, [])
     assert online.values["load_lag"] > 2 * found.values["load_lag"]
     assert online.model.value("load_lag") == pytest.approx(online.values["load_lag"])
     assert (errors(online, noisy).mean(axis=0) < errors(found, noisy).mean(axis=0)).all()

@@ -174,9 +174,8 @@ class WholeCar(Checked):
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         outputs = self._outputs(data)
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
-        selected = data.select(inputs=inputs, outputs=outputs)
-        calm = smoothed(selected, "v_x")  # noise of an input is no error of the outputs, and stands in for parameters
-        whole = stretches(calm, self.wheelbase)
+        logged = data.select(inputs=inputs, outputs=outputs)
+        whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
@@ -185,15 +184,13 @@ class WholeCar(Checked):
             start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             linear = partial(_linear, start, own or (), elsewhere)
-            first = linear(whole.train)
             suspect = doubts_with_rear(turned, self.wheelbase, linear, whole)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
-            best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
+            best, stages, dropped = _climb(linear(whole.train), tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
             others, behind = with_lateness(final, others_as_good(final, dropped, whole.all), whole.all)
             used = sentences.friction_reached(final)
-            if calm is not selected:
-                final, others = following(final, stretches(selected, self.wheelbase).all), [*others, (final, 1.0)]
+            final, others = following(final, others, stretches(logged, self.wheelbase).all)
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)

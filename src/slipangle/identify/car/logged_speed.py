@@ -12,17 +12,18 @@ from slipangle.identify.car.corrections import LOADS
 from slipangle.identify.car.structures import Fitted, errors
 
 _SAME = 0.05  # of a lag, to which it is sought
+Others = list[tuple[Fitted, float]]
 
 
-def following(final: Fitted, logged: Dataset) -> Fitted:
-    """A fit with the loads' lag that predicts best from the speed as it is logged; all else as it was found.
+def following(final: Fitted, others: Others, logged: Dataset) -> tuple[Fitted, Others]:
+    """A fit with the loads' lag that predicts best from the speed as it is logged, and structures as good, with it.
 
     That lag is no shorter than the one that was found: noise of the speed is shifted between the axles, and takes their
-    grip, unless they follow slowly.
+    grip, unless they follow slowly. All else is as it was found, and all is where the speed was fitted to as logged.
     """
     lag = LOADS[1]
-    if lag not in final.free:
-        return final
+    if lag not in final.free or np.array_equal(logged["v_x"], final.problem.data["v_x"]):
+        return final, others
     at, found = final.names.index(lag), final.values[lag]
 
     def lagging(log: float) -> Fitted:
@@ -35,4 +36,4 @@ def following(final: Fitted, logged: Dataset) -> Fitted:
 
     first, last = np.log(found), np.log(final.model.si(lag).upper)
     best = optimize.minimize_scalar(cost, bounds=(first, last), method="bounded", options={"xatol": _SAME})
-    return lagging(float(best.x)) if best.fun < cost(first) else final
+    return (lagging(float(best.x)), [*others, (final, 1.0)]) if best.fun < cost(first) else (final, others)
