@@ -296,8 +296,8 @@ MUTANTS = [
         [
             (
                 "loads: as slow as without noise",
-                "if best.fun < cost(first) else final",
-                "if best.fun > cost(first) else final",
+                "best.fun < cost(first)",
+                "best.fun > cost(first)",
             )
         ],
     ),
