@@ -9,7 +9,7 @@ from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.late import late as lateness
 from slipangle.identify.car.logged_speed import following
-from slipangle.identify.car.structures import STIFF, corrected, errors, first_guess, fit
+from slipangle.identify.car.structures import STIFF, corrected, errors, first_guess, fit, free_runs
 
 KNOWN = dict(mass=1300.0, wheelbase=2.6, l_f=1.2)
 TRUE = dict(C_f=95e3, C_r=120e3, inertia_z=1900.0)
@@ -93,12 +93,20 @@ def late(data, samples=15):
 
 
 def test_how_late_a_speed_is_logged_is_told():
-    data = join(*(late(drive(seed)) for seed in range(4))).hold_mean()
+    data = smoothed(join(*(late(drive(seed)) for seed in range(4))).hold_mean(), "v_x")
     seconds, on_time = lateness(found_by(data)[1], data, "v_x")
-    assert seconds == pytest.approx(0.3, abs=0.1)
+    assert seconds == pytest.approx(0.3, abs=0.05)
     assert on_time.values["drive_rear"] == pytest.approx(DRIVEN, abs=0.15)
-    prompt = join(*(drive(seed) for seed in range(4))).hold_mean()
+    prompt = smoothed(join(*(drive(seed) for seed in range(4))).hold_mean(), "v_x")
     assert lateness(found_by(prompt)[1], prompt, "v_x") is None
+
+
+def test_free_runs_are_those_of_the_fit():
+    """Over the data of the fit they leave its errors: with its parameters, not with them over other scales."""
+    data = join(*map(drive, range(4))).hold_mean()
+    found = found_by(data)[1]
+    left = np.concatenate([run - y for run, y in free_runs(found, data)])
+    np.testing.assert_allclose(left / found.sigma, found.error, atol=1e-9)
 
 
 def test_loads_follow_a_noisy_speed_slowly():

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.identify.car.corrections import SPEED, recordings
-from slipangle.identify.car.structures import Fitted, change, errors, fit, settling, worth
+from slipangle.identify.car.corrections import SPEED
+from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, settling, worth
 from slipangle.identify.car.uncertainty import few
-from slipangle.identify.physics.simulation_error import FreeRunProblem
 
 _SURE = 3.92  # standard deviations from none at which a sensor is late, as effects count whole there
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
 _SEARCHES = 3  # refits, each from where the last one says
-Others = list[tuple[Fitted, float]]
 
 
 def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
@@ -92,16 +90,10 @@ def _of_the_output(fitted: Fitted, name: str) -> np.ndarray:
 
 def _of_the_input(fitted: Fitted, name: str) -> np.ndarray:
     """The same of an input, over a time in which it changes by more than its noise."""
-    problem, dt, h = fitted.problem, fitted.model.dt, 0.5 * _LEAST
-    runs = []
-    for seconds in (h, -h):
-        moved = FreeRunProblem(
-            *(fitted.model, fitted.free, fitted.own, earlier(problem.data, seconds, 0.0, name)),
-            *(False, recordings(problem.data)),
-        )
-        runs.append([moved.simulate(i, fitted.z)[1:, :, 0] for i in range(len(moved.measured))])
-    each = [(a - b)[settling(len(a), dt) :] / (2 * h * problem.sigma) for a, b in zip(*runs, strict=True)]
-    return np.concatenate(each)
+    problem, h = fitted.problem, 0.5 * _LEAST
+    shifted = (free_runs(fitted, earlier(problem.data, seconds, 0.0, name)) for seconds in (h, -h))
+    ahead, behind = (np.concatenate([run for run, _ in runs]) for runs in shifted)
+    return (ahead - behind) / (2 * h * problem.sigma)
 
 
 def earlier(data: Dataset, seconds: float, cut: float | None = None, name: str = "v_y") -> Dataset:

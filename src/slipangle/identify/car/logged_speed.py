@@ -9,10 +9,9 @@ from scipy import optimize
 
 from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import LOADS
-from slipangle.identify.car.structures import Fitted, errors
+from slipangle.identify.car.structures import Fitted, Others, errors
 
 _SAME = 0.05  # of a lag, to which it is sought
-Others = list[tuple[Fitted, float]]
 
 
 def following(final: Fitted, others: Others, logged: Dataset) -> tuple[Fitted, Others]:

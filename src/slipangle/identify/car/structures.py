@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,6 +109,9 @@ class Fitted:
         if not self.own or recording not in self.problem.recordings:
             return self.model
         return self.model.with_values(**{name: self.values[f"{name}[{recording}]"] for name in self.own})
+
+
+Others = list[tuple[Fitted, float]]  # that explain a log about as well, and how far each counts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,16 +323,20 @@ def _error(fitted: Fitted) -> float:
 
 def errors(fitted: Fitted, data: Dataset) -> np.ndarray:
     """Mean squared free-run error of every experiment, shape (n_experiments, n_outputs); infinite where it diverges."""
-    squares = []
     with np.errstate(over="ignore", invalid="ignore"):
-        for part, recording in zip(data.experiments, recordings(data), strict=True):
-            model, first = fitted.model_of(recording), fitted.model.memory - 1
-            x0 = np.asarray(model.ode.initial_state(part.rows(first, first + 1)), dtype=float)
-            values = np.array([model.value(name) for name in fitted.problem.free])
-            run = fitted.problem.run(x0, np.empty((len(x0), 0)), model.drive_rows(part), values)[1:, :, 0]
-            error = (run - part.columns(model.outputs)[first + 1 :])[settling(len(run), part.dt) :]
-            squares.append(np.mean(error**2, axis=0))
+        squares = [np.mean((run - y) ** 2, axis=0) for run, y in free_runs(fitted, data)]
     return np.nan_to_num(np.array(squares), nan=np.inf, posinf=np.inf)
+
+
+def free_runs(fitted: Fitted, data: Dataset) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Free run over each experiment, and what was measured, each of shape (n, n_outputs), their settling left out."""
+    for part, recording in zip(data.experiments, recordings(data), strict=True):
+        model, first = fitted.model_of(recording), fitted.model.memory - 1
+        x0 = np.asarray(model.ode.initial_state(part.rows(first, first + 1)), dtype=float)
+        values = np.array([model.value(name) for name in fitted.problem.free])
+        run = fitted.problem.run(x0, np.empty((len(x0), 0)), model.drive_rows(part), values)[1:, :, 0]
+        settled = settling(len(run), part.dt)
+        yield run[settled:], part.columns(model.outputs)[first + 1 :][settled:]
 
 
 def change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
