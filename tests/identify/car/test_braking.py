@@ -94,11 +94,13 @@ def late(data, samples=15):
 
 def test_how_late_a_speed_is_logged_is_told():
     data = smoothed(join(*(late(drive(seed)) for seed in range(4))).hold_mean(), "v_x")
-    seconds, on_time = lateness(found_by(data)[1], data, "v_x")
+    without_loads, found = found_by(data)
+    seconds, on_time = lateness(found, data, "v_x")
     assert seconds == pytest.approx(0.3, abs=0.05)
     assert on_time.values["drive_rear"] == pytest.approx(DRIVEN, abs=0.15)
     prompt = smoothed(join(*(drive(seed) for seed in range(4))).hold_mean(), "v_x")
     assert lateness(found_by(prompt)[1], prompt, "v_x") is None
+    assert lateness(without_loads, data, "v_x") is None  # in whose place a late speed would stand
 
 
 def test_free_runs_are_those_of_the_fit():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.identify.car.corrections import SPEED
+from slipangle.identify.car.corrections import LOADS, SPEED
 from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, settling, worth
 from slipangle.identify.car.uncertainty import few
 
@@ -36,8 +36,11 @@ def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others,
 
 
 def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted] | None:
-    """How late a channel is, negative if early [s], and the fit to it on time; None where it is not, or not there."""
-    if name not in (*final.model.outputs, "v_x"):
+    """How late a channel is, negative if early [s], and the fit to it on time; None where it is not, or not there.
+
+    A speed is asked where braking was found to shift loads: else its being late would stand in for that.
+    """
+    if not ({*LOADS} <= {*final.free} if name == "v_x" else name in final.model.outputs):
         return None
     seconds, found = 0.0, final
     for _ in range(_SEARCHES):
