@@ -50,13 +50,16 @@ SMALL: dict[str, dict[str, Any]] = {
     "real-cars": {},
     "rls": ONE | {"UPDATES": 500},
     "side-slip": {"PROCESS": (0.1,), "SENSOR": (1.5,), "LEARNED": (1.0,)},
+    "training": ONE,
 }
 PUBLIC = ("adapt", "lap", "racer", "real-cars", "side-slip")  # on published data
 COMPILED = ("compile", "driver", "driver-fleet", "driver-lap", "horizon", "hybrid-mpc", "loop", "marx", "mpc", "racer")
 
 
 def smaller(name: str, module: Any, patch: pytest.MonkeyPatch) -> None:
-    """What constants do not reach: fewer cars, planted mistakes, sizes of a problem, rows of a log."""
+    """What constants do not reach: fewer cars, planted mistakes, sizes of a problem, rows of a log, epochs."""
+    if name == "training":
+        patch.setattr(module, "CASES", (module.CASES[0]._replace(epochs=2),))
     if name == "adapt":
         cases = module.cases
         module.cases = lambda seconds: itertools.islice(cases(seconds), 2)
