@@ -145,6 +145,7 @@ MUTANTS = [
                 "/ p.mass + self.slip_speed(u[1]) * x[1]",
             ),
             ("saturating bicycle: peak without the load", "peak = mu * load", "peak = mu"),
+            ("saturating bicycle: a brush that slides late", "clip(C / (3.0 * peak)", "clip(C / (4.0 * peak)"),
             (
                 "saturating bicycle: lever of the sensor",
                 "return p.lever_v_y * x[1]",
@@ -180,9 +181,10 @@ MUTANTS = [
             ("load transfer: a car that turns gains no speed across", "- v_y * r", "+ v_y * r"),
             ("load transfer: the speed as logged", "p.gain_v_x * self._gains", "self._gains"),
             ("load transfer: brakes drive", "self.drive_rear * drive", "self.brake_rear * drive"),
-            ("load transfer: the front does what the rear does", "(a_x - rear) *", "rear *"),
+            ("load transfer: the front does what the rear does", "(a_x - rear) /", "rear /"),
+            ("load transfer: wheels push where the car points", "along_f=along_f, ", ""),
             ("load transfer: a tire alike both ways", "(used / _ALONG) ** 2", "used**2"),
-            ("load transfer: grip of the car at rest", "(p.mu_r * loads[1] * p.l_f)", "(p.mu_r * p.l_f)"),
+            ("load transfer: grip of the car at rest", "p.mu_r * loads[1] * p.l_f", "p.mu_r * p.l_f"),
         ],
     ),
     *mistakes(

@@ -168,19 +168,23 @@ SATURATING = CHASSIS | AXLES | dict(downforce_f=1.7, downforce_r=-0.6)
 SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
 
 
-@pytest.mark.parametrize(("half", "gain"), [(0.0, 1.0), (0.71, 0.93)])
-def test_saturating_bicycle(half, gain):
+@pytest.mark.parametrize(
+    ("half", "gain", "brush"), [(0.0, 1.0, 0.0), (0.71, 0.93, 0.0), (0.71, 0.93, 0.6), (0.0, 1.0, 1.0)]
+)
+def test_saturating_bicycle(half, gain, brush):
     unused = dict(relaxation_f=0.4, relaxation_r=0.6)
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
-    params = replace(params, locked_half_track=half, gain_v_x=gain, load_shift=0.04)
-    assert len(SATURATING | STEERED | SENSORS | unused) + 4 == len(fields(params))
-    loads = {"locked_half_track": half, "forward": 0.04 * CHASSIS["mass"] * vehicles.G}
+    params = replace(params, locked_half_track=half, gain_v_x=gain, load_shift=0.04, brush=brush, along_f=-0.2)
+    assert len(SATURATING | STEERED | SENSORS | unused) + 6 == len(fields(params))
+    loads = {"locked_half_track": half, "brush": brush, "forward": 0.04 * CHASSIS["mass"] * vehicles.G}
     model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
 
     def oracle(v_y, r, delta, logged):
         v_x = gain * logged
-        slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
-        found = vehicles.saturating_bicycle(SATURATING | loads, v_y, r, *slip, v_x)
+        turned = vehicles.road_wheel(STEERED, delta)
+        slip = vehicles.small_slip(CHASSIS, v_y, r, turned, v_x)
+        braked = {"across_f": -0.2 * CHASSIS["mass"] * vehicles.G * turned}
+        found = vehicles.saturating_bicycle(SATURATING | loads | braked, v_y, r, *slip, v_x)
         read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
         return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
 
@@ -315,10 +319,17 @@ def test_load_transfer(steered):
         *delta_s, v_x_s, delta, logged = rest
         rate, v_x = (logged - v_x_s) / 0.07, 0.93 * logged
         a_x = 0.93 * rate - v_y * r
-        slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta_s[0] if steered else delta), v_x)
+        turned = vehicles.road_wheel(STEERED, delta_s[0] if steered else delta)
+        slip = vehicles.small_slip(CHASSIS, v_y, r, turned, v_x)
         F_x = CHASSIS["mass"] * a_x
         along_f = np.where(F_x > 0, 0.3 * F_x, 0.6 * F_x)
         pushed = {"forward": -F_x * 0.52 / CHASSIS["wheelbase"], "along_f": along_f, "along_r": F_x - along_f}
+        static = CHASSIS["mass"] * vehicles.G * (CHASSIS["wheelbase"] - CHASSIS["l_f"]) / CHASSIS["wheelbase"]
+        carried = static + SATURATING["downforce_f"] * v_x**2 + pushed["forward"]
+        most = (
+            1.1 * np.sqrt(1.0 - 0.2**2) * SATURATING["mu_f"] * carried
+        )  # more, and the wheels would hold nothing across
+        pushed["across_f"] = np.clip(along_f, -most, most) * turned
         found = vehicles.saturating_bicycle(SATURATING | pushed, v_y, r, *slip, v_x)
         turning = [(delta - delta_s[0]) / 0.08] if steered else []
         return [*found[:2], *turning, rate, found[2]]
@@ -329,11 +340,13 @@ def test_load_transfer(steered):
 
 
 def test_a_speed_that_jumps_turns_no_car_over():
-    """Wheels that lock and a receiver that loses its place show such: a fifth of the grip stays."""
+    """Wheels that lock and a receiver that loses its place show such: a fifth of the grip stays across."""
     params = SaturatingBicycleParams(**SATURATING)
     model = LoadTransfer(SaturatingBicycle(params=params, dt=0.01), height=0.5, load_lag=0.05, brake_rear=0.4)
     weak = {name: 0.2 * getattr(params, name) for name in ("C_f", "C_r", "mu_f", "mu_r")}
-    held = SaturatingBicycle(params=replace(params, load_shift=0.45, **weak), dt=0.01)
+    carried = replace(params, load_shift=0.45).load_ratios(20.0)[0] * params.l_r / params.wheelbase
+    braked = -1.1 * np.sqrt(1.0 - 0.2**2) * params.mu_f * carried
+    held = SaturatingBicycle(params=replace(params, load_shift=0.45, along_f=braked, **weak), dt=0.01)
     x, u = np.array([0.1, 0.2]), np.array([0.05, 20.0])
     jumped = model.derivative(np.array([*x, 40.0]), u)
     assert jumped[:2] == pytest.approx(held.derivative(x, u), rel=1e-12)

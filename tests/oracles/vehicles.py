@@ -109,9 +109,10 @@ def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
 def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
     """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the axles' loads.
 
-    Each carries its share of the weight, its downforce, and what braking moves ``forward`` [N]; stiffness and peak are
-    in proportion to what it carries. A force along, ``along_f`` and ``along_r`` [N], leaves what is on an ellipse
-    a tenth longer than wide, but a fifth at least.
+    A share ``brush`` of the force is that of brushes. Each carries its share of the weight, its downforce, and what
+    braking moves ``forward`` [N]; stiffness and peak are in proportion to what it carries. A force along, ``along_f``
+    and ``along_r`` [N], leaves what is on an ellipse a tenth longer than wide, but a fifth at least;
+    ``across_f`` [N] is what is across of the one in front, whose wheels are turned.
     Rear wheels that turn as one have the spin of their centre: each slips along by what its hub is faster or slower,
     and its force points against its slip, as large as the curve says for both slips together.
     """
@@ -127,13 +128,34 @@ def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
         for side in (half, -half) if end == "r" and half else (0.0, 0.0):
             along = ((v_x - side * r) - v_x) / v_x  # of the hub of a wheel ``side`` to the left, over its tread
             slip = np.hypot(along, alpha)
-            force = 0.5 * D * np.sin(C * np.arctan(stiffness / (C * D) * slip)) / np.where(slip > 0, slip, 1.0)
+            force = D * np.sin(C * np.arctan(stiffness / (C * D) * slip))
+            if car.get("brush", 0.0):
+                force = force + car["brush"] * (brush(stiffness, D, slip) - force)
+            force = 0.5 * force / np.where(slip > 0, slip, 1.0)
             across += force * alpha
             resisting += moment(l_f - L, side, -force * along, 0.0)
         forces.append(across)
+    forces[0] = forces[0] + car.get("across_f", 0.0)
     a_y = sum(forces) / m
     yaw = moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1]) + resisting
     return [a_y - v_x * r, yaw / car["inertia_z"], a_y]
+
+
+def brush(C, D, slip):
+    """Force of bristles from the leading edge 0 to the trailing edge 1, by quadrature of what each carries.
+
+    They are dragged aside in proportion to the way since they touched the ground, until that is more than the friction
+    under the pressure there, 6 D x (1 - x), allows; C is the slope at no slip.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    slides_from = np.clip(1.0 - C * slip / (3.0 * D), 0.0, 1.0)
+    total = 0.0
+    for z, w in zip(nodes, weights, strict=True):
+        sticking = 0.5 * (1.0 + z) * slides_from
+        sliding = slides_from + 0.5 * (1.0 + z) * (1.0 - slides_from)
+        total = total + 0.5 * w * slides_from * 2.0 * C * slip * sticking
+        total = total + 0.5 * w * (1.0 - slides_from) * 6.0 * D * sliding * (1.0 - sliding)
+    return total
 
 
 def small_slip(car, v_y, r, delta, v_x):

@@ -28,7 +28,8 @@ def drive(seed, brakes=3.5, outputs=("v_y", "r"), noise_v_x=0.03):
     """A bicycle by Euler steps of 2 ms, with noise; braking in m/s2.
 
     Its axles are as stiff as loaded. They hold what an ellipse a tenth longer than wide leaves of a Magic Formula of
-    friction `MU`; the rear one has `DRIVEN` and `BRAKED` of what pushes the car along.
+    friction `MU`; the rear one has `DRIVEN` and `BRAKED` of what pushes the car along, the front one the rest,
+    where its wheels point.
     """
     rng, h = np.random.default_rng(seed), DT / FINE
     t = np.arange(1000 * FINE) * h
@@ -44,6 +45,7 @@ def drive(seed, brakes=3.5, outputs=("v_y", "r"), noise_v_x=0.03):
         C_f, C_r = TRUE["C_f"] * (1 - moved * L / (L - l_f)), TRUE["C_r"] * (1 + moved * L / l_f)
         rear = a_x[k] * (DRIVEN if a_x[k] > 0 else BRAKED)
         F_f = held(C_f, G * ((L - l_f) / L - moved), a_x[k] - rear, delta[k] - (v_y[k] + l_f * r[k]) / v[k])
+        F_f = F_f + m * (a_x[k] - rear) * delta[k]
         F_r = held(C_r, G * (l_f / L + moved), rear, -(v_y[k] - (L - l_f) * r[k]) / v[k])
         v_y[k + 1] = v_y[k] + h * ((F_f + F_r) / m - v[k] * r[k])
         r[k + 1] = r[k] + h * (l_f * F_f - (L - l_f) * F_r) / TRUE["inertia_z"]

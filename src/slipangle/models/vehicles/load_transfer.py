@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -13,13 +14,14 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import require_in_range
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.ode_wrapper import OdeWrapper
-from slipangle.ops import Scalar, Vector, concatenate, maximum, minimum, sqrt, stack
+from slipangle.ops import Scalar, Vector, clip, concatenate, maximum, minimum, sqrt, stack
 from slipangle.units import SI
 
 _SOONEST, _LATEST = 0.01, 0.5  # s, between which loads follow; over less the rate of a logged speed is noise
 _MOST = 0.45  # share of the weight that moves, at most
 _ALONG = 1.1  # friction of a tire along over that across; 1.05 to 1.22 in public tire files
 _LEFT = 0.2  # share of its force across that drive or brakes leave an axle, at least
+_MOST_ALONG = _ALONG * math.sqrt(1.0 - _LEFT**2)  # force along that leaves so much, over the largest across
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class LoadTransfer(OdeWrapper):
     long as a body takes to pitch. What pushes the car along, ``mass a_x``, acts on the axles by fixed shares, drag as
     brakes do. An axle's share ``F_x`` leaves ``sqrt(1 - (F_x / (mu_x F_z))^2)`` of its force across: the friction
     ellipse, J. Y. Wong, Theory of Ground Vehicles, 4th ed., 2008, sec. 1.4, with ``mu_x`` a tenth above ``mu_f``,
-    ``mu_r``.
+    ``mu_r``. In front it also turns with the wheels, which pushes a car that brakes out of a bend.
 
     Parameters
     ----------
@@ -119,11 +121,13 @@ class LoadTransfer(OdeWrapper):
         drive, brake = maximum(a_x, 0.0), minimum(a_x, 0.0)
         rear = self.drive_rear * drive + self.brake_rear * brake
         loads = shifted.load_ratios(p.gain_v_x * u[self.inputs.index("v_x")])
-        left_f = _across((a_x - rear) * p.wheelbase / (p.mu_f * loads[0] * p.l_r))
-        left_r = _across(rear * p.wheelbase / (p.mu_r * loads[1] * p.l_f))
+        most_f, most_r = p.mu_f * loads[0] * p.l_r / p.wheelbase, p.mu_r * loads[1] * p.l_f / p.wheelbase
+        used = (a_x - rear) / most_f
+        left_f, left_r = _across(used), _across(rear / most_r)
         front = {name: left_f * getattr(p, name) for name in ("C_f", "mu_f")}
         back = {name: left_r * getattr(p, name) for name in ("C_r", "mu_r")}
-        return self.model.with_values(load_shift=shifted.load_shift, **front, **back)
+        along_f = most_f * clip(used, -_MOST_ALONG, _MOST_ALONG)
+        return self.model.with_values(load_shift=shifted.load_shift, along_f=along_f, **front, **back)
 
 
 def _across(used: Scalar) -> Scalar:

@@ -11,7 +11,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.models.ode import OdeModel
 from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
-from slipangle.ops import Scalar, Vector, atan, is_symbolic, is_traced, maximum, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, atan, clip, fabs, is_symbolic, is_traced, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 _QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
@@ -28,7 +28,11 @@ class SaturatingBicycleParams(BicycleParams):
     gain less from load act as if there were less downforce: one that was fitted is what the tires make of it, down to a
     third of the air's. Below zero it is lift.
 
-    ``load_shift`` is what braking moves from the rear to the front; `LoadTransfer` finds it from the speed.
+    ``load_shift`` is what braking moves from the rear to the front, ``along_f`` what drives or slows the car at its
+    front wheels, where these are turned to; `LoadTransfer` finds both from the speed.
+
+    ``brush`` gives the tires the curve of a brush in place of the Magic Formula's: its slope falls from the very start,
+    with the slip, theirs with its square. Where forces are largest is told by the Magic Formula.
 
     Rear wheels that turn as one, by a solid axle or a locked differential, slip along in a bend and resist the turn:
     ``locked_half_track`` is half their track times the root of longitudinal over lateral stiffness, in between where
@@ -67,6 +71,13 @@ class SaturatingBicycleParams(BicycleParams):
     load_shift: Annotated[float, SI("-", "share of the weight moved to the front, as by braking", -0.5, 0.5)] = field(
         default=0.0, metadata=_NEW
     )
+
+    along_f: Annotated[
+        float, SI("-", "force along the front wheels over the weight, positive forwards", -10.0, 10.0)
+    ] = field(default=0.0, metadata=_NEW)
+    brush: Annotated[
+        float, SI("-", "share of a brush model's curve in the tires', the rest Magic Formula", 0.0, 1.0)
+    ] = field(default=0.0, metadata=_NEW)
 
     @property
     def static_loads(self) -> tuple[Scalar, Scalar]:
@@ -113,13 +124,18 @@ class SaturatingBicycleParams(BicycleParams):
         return replace(self, **as_much, locked_half_track=0.0) if self.locked_half_track else self
 
 
-def saturated(alpha: Scalar, load: Scalar, C: Scalar, mu: Scalar, shape: Scalar) -> Scalar:
-    """Lateral force of an axle: Magic Formula without curvature factor, slope C [N/rad], peak mu load. [N]
+def saturated(alpha: Scalar, load: Scalar, C: Scalar, mu: Scalar, shape: Scalar, brush: Scalar = 0.0) -> Scalar:
+    """Lateral force of an axle: slope C [N/rad], peak mu load; alpha [rad] > 0 gives a force to the left. [N]
 
-    H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.1; alpha [rad] > 0 gives a force to the left.
+    Magic Formula without curvature factor, and a share ``brush`` of the brush model with parabolic pressure: H. B.
+    Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, secs. 4.3.1 and 3.2.1.
     """
     peak = mu * load
-    return peak * sin(shape * atan(C / (shape * peak) * alpha))
+    magic = peak * sin(shape * atan(C / (shape * peak) * alpha))
+    if not (is_symbolic(brush) or is_traced(brush)) and brush == 0:
+        return magic
+    sliding = clip(C / (3.0 * peak) * alpha, -1.0, 1.0)  # share of the contact patch, with the sign of alpha
+    return magic + brush * (peak * sliding * (3.0 - (3.0 - fabs(sliding)) * fabs(sliding)) - magic)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,13 +216,14 @@ class SaturatingBicycle(OdeModel):
         """
         p, (load_f, load_r) = self.params, self.params.static_loads
         front, rear = p.load_ratios(p.gain_v_x * u[1])
-        F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape)
+        F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape, p.brush)
+        F_yf = F_yf + p.along_f * p.mass * GRAVITY * p.road_wheel(u[0])
         b: Any = p.locked_half_track
         if not (is_symbolic(b) or is_traced(b)) and b == 0:
-            return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape), 0.0
+            return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape, p.brush), 0.0
         kappa = b * x[1] / self.slip_speed(u[1])  # of the outer wheel, and as much the other way of the inner
         slip = sqrt(alpha[1] * alpha[1] + kappa * kappa + _NO_SLIP * _NO_SLIP)
-        per_slip = rear * saturated(slip, load_r, p.C_r, p.mu_r, p.shape) / slip
+        per_slip = rear * saturated(slip, load_r, p.C_r, p.mu_r, p.shape, p.brush) / slip
         return F_yf, per_slip * alpha[1], -b * per_slip * kappa
 
     def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
