@@ -1,4 +1,4 @@
-"""The shape of the tire curves: from hard driving it has a value, and friction is known no better than it allows."""
+"""The shape of the tire curves: from hard driving it has a value; what they leave open is in the intervals."""
 
 import pytest
 
@@ -29,3 +29,12 @@ def test_where_it_does_not_show_friction_is_as_unsure_as_it():
     assert "shape" not in car.model.fit_info.names
     assert car.model.value("mu_f") > 1.05 * PEAKY["mu_f"]
     within(car, PEAKY, FOUND)
+
+
+def test_tires_that_yield_as_a_brush_are_in_the_intervals():
+    """A Magic Formula fits them as well, with a smaller slope at no slip, which no log shows."""
+    true = TRUE | dict(brush=1.0)
+    car = identify_car(drives(amplitude=0.12, true=true), **KNOWN)
+    assert car.model.value("C_f") < 0.96 * TRUE["C_f"]
+    assert car.model.value("brush") == 0.0
+    within(car, true, ("C_f", "C_r", "inertia_z"))
