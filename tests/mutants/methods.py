@@ -291,6 +291,11 @@ MUTANTS = [
         [("structures: lengths drawn apart", "((one, 1.0), (other, -1.0))", "((one, 1.0), (other, 1.0))")],
     ),
     *mistakes(
+        "identify/car/effects.py",
+        "identify/car/test_shape.py::test_tires_that_yield_as_a_brush_are_in_the_intervals",
+        [("brushes: on the same curve", "with_values(brush=1.0, ", "with_values(brush=0.0, ")],
+    ),
+    *mistakes(
         "identify/car/logged_speed.py",
         "identify/car/test_braking.py::test_loads_follow_a_noisy_speed_slowly",
         [

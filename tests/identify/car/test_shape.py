@@ -2,7 +2,10 @@
 
 import pytest
 
+from slipangle.identify.car.effects import others_as_good
 from slipangle.identify.car.identify_car import identify_car
+from slipangle.identify.car.structures import STIFF, first_guess, fit
+from slipangle.identify.car.uncertainty import hull
 from tests.identify.car.test_identify_car import KNOWN, TRUE, drives
 
 PEAKY = TRUE | dict(shape=1.8)
@@ -32,9 +35,15 @@ def test_where_it_does_not_show_friction_is_as_unsure_as_it():
 
 
 def test_tires_that_yield_as_a_brush_are_in_the_intervals():
-    """A Magic Formula fits them as well, with a smaller slope at no slip, which no log shows."""
+    """A Magic Formula fits them about as well, with a smaller slope at no slip, which no log shows."""
     true = TRUE | dict(brush=1.0)
-    car = identify_car(drives(amplitude=0.12, true=true), **KNOWN)
-    assert car.model.value("C_f") < 0.96 * TRUE["C_f"]
-    assert car.model.value("brush") == 0.0
-    within(car, true, ("C_f", "C_r", "inertia_z"))
+    data = drives(amplitude=0.12, true=true, steering=dict(delay=0.0, lag=1e-6, gain=1.0, offset=0.0))
+    guess = first_guess(**KNOWN, dt=data.dt, outputs=data.outputs, gain=1.0).with_values(mu_f=0.8, mu_r=0.8)
+    found = fit(guess, (*STIFF, "steering_offset", "mu_f", "mu_r"), data)
+    (brushed, share), *_ = others_as_good(found, [], data)
+    assert share > 0.4
+    for name in ("C_f", "C_r"):
+        assert found.values[name] < 0.97 * true[name]
+        assert brushed.values[name] == pytest.approx(true[name], rel=0.02)
+    *_, limits, _ = hull(found.names, found, [(brushed, share)])
+    assert all(high > true[name] for name, (_, high) in zip(found.names, limits, strict=True) if name in ("C_f", "C_r"))

@@ -22,8 +22,8 @@ class RearSteered(OdeWrapper):
 
     ``delta_r`` [rad], positive to the left, is an input after the car's own: the angle of the rear road wheels over the
     body, a channel of the log. Slip angles, and so the forces, are those of the same car with straight rear wheels that
-    moves sideways by ``delta_r v_x`` less and whose front wheels are turned by ``delta_r`` less. What drives or brakes the
-    car, see `LoadTransfer`, turns with the front wheels so, and not with the rear ones.
+    moves sideways by ``delta_r v_x`` less and whose front wheels are turned by ``delta_r`` less. What drives or brakes
+    the car, see `LoadTransfer`, turns with the front wheels so, and not with the rear ones.
 
     Parameters
     ----------
