@@ -109,9 +109,9 @@ def _brushed(final: Fitted, data: Dataset) -> Fitted:
     tenths 10 %. Where no axle was found to saturate, both do from ordinary friction on.
     """
     frictions = ("mu_f", "mu_r")
-    ordinary_ones = {name: 1.0 for name in frictions if name not in final.names}
-    free = [n for n in dict.fromkeys((*final.free, *frictions)) if n != "shape" and n not in final.own]
-    return fit(final.model.with_values(brush=1.0, **ordinary_ones), tuple(free), data, final, own=final.own)
+    start = final.model.with_values(brush=1.0, **{name: 1.0 for name in frictions if name not in final.names})
+    free = dict.fromkeys(n for n in (*final.free, *frictions) if n != "shape")
+    return fit(start, tuple(free), data, final, own=final.own)
 
 
 def _ratios(fitted: Fitted, share: float) -> np.ndarray:
