@@ -25,7 +25,7 @@ from slipangle.models.black_box.networks import MLP
 from slipangle.models.model import Model
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._peers import absent, in_turn, installed, one_core
+from slipangle.reproduce._peers import absent, in_turn, installed, median_record, one_core
 from slipangle.reproduce.plants import narendra
 
 SAMPLES, ROUNDS = 1_000_000, 7
@@ -82,19 +82,16 @@ def free_runs(progress: Progress) -> list[Record]:
     exact = results["slipangle"]
 
     def note(name: str) -> str:
-        slowest = f"slowest of {len(rates[name])} rounds {min(rates[name]):.3g}"
         if not len(results[name]):
-            return f"{slowest}; its own random weights, layers of the same size"
-        return f"{slowest}, largest difference {np.abs(results[name] - exact[: len(results[name])]).max():.1g}"
+            return "its own random weights, layers of the same size"
+        return f"largest difference {np.abs(results[name] - exact[: len(results[name])]).max():.1g}"
 
     return [
-        Record(
-            row=f"free run, {name}",
-            quantity="samples/s, median",
-            thesis=None,
-            here=float(np.median(rate)),
+        median_record(
+            f"free run, {name}",
+            "samples/s, median",
+            rate,
             bound=f">= {FREE_RUN_BOUND:g}" if name == "slipangle" else "",
-            holds=float(np.median(rate)) >= FREE_RUN_BOUND if name == "slipangle" else None,
             note=note(name),
         )
         for name, rate in rates.items()
@@ -199,14 +196,11 @@ def trainings(progress: Progress) -> list[Record]:
         runs["sysidentpy NARXNN"] = (lambda: sysidentpy_training(torch, data, 40), 40)
     rates, _ = in_turn(runs, progress, rounds=ROUNDS, clock=time.process_time)
     return [
-        Record(
-            row=f"training, {name}",
-            quantity="epochs/s, median",
-            thesis=None,
-            here=float(np.median(rate)),
+        median_record(
+            f"training, {name}",
+            "epochs/s, median",
+            rate,
             bound=f">= {TRAINING_BOUND:g}" if name == "slipangle" else "",
-            holds=float(np.median(rate)) >= TRAINING_BOUND if name == "slipangle" else None,
-            note=f"slowest of {len(rate)} rounds {min(rate):.3g}",
         )
         for name, rate in rates.items()
     ] + absent(("torch", "sysidentpy"), "training")

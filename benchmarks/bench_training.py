@@ -13,14 +13,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.neural_statespace import NeuralStateSpace
 from slipangle.identify.networks.problem import Stage
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._peers import in_turn
+from slipangle.reproduce._peers import in_turn, median_record
 from slipangle.reproduce.plants import narendra
 
 ROUNDS = 3
@@ -103,12 +101,11 @@ def trainings(case: Case, progress: Progress) -> list[Record]:
     runs = {f"slipangle, {name}": (partial(fit, device), case.epochs) for name, device in found.items()}
     rates, scores = in_turn(runs, progress, rounds=ROUNDS, clock=time.perf_counter)
     return [
-        Record(
-            row=f"{case.name}, {name.removeprefix('slipangle, ')}",
-            quantity="epochs/s, median",
-            thesis=None,
-            here=float(np.median(rate)),
-            note=f"slowest of {len(rate)} rounds {min(rate):.3g}; held-out free run {scores[name]:.4g}",
+        median_record(
+            f"{case.name}, {name.removeprefix('slipangle, ')}",
+            "epochs/s, median",
+            rate,
+            note=f"held-out free run {scores[name]:.4g}",
         )
         for name, rate in rates.items()
     ]

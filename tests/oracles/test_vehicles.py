@@ -326,9 +326,7 @@ def test_load_transfer(steered):
         pushed = {"forward": -F_x * 0.52 / CHASSIS["wheelbase"], "along_f": along_f, "along_r": F_x - along_f}
         static = CHASSIS["mass"] * vehicles.G * (CHASSIS["wheelbase"] - CHASSIS["l_f"]) / CHASSIS["wheelbase"]
         carried = static + SATURATING["downforce_f"] * v_x**2 + pushed["forward"]
-        most = (
-            1.1 * np.sqrt(1.0 - 0.2**2) * SATURATING["mu_f"] * carried
-        )  # more, and the wheels would hold nothing across
+        most = 1.1 * np.sqrt(1.0 - 0.2**2) * SATURATING["mu_f"] * carried  # which leaves the least across
         pushed["across_f"] = np.clip(along_f, -most, most) * turned
         found = vehicles.saturating_bicycle(SATURATING | pushed, v_y, r, *slip, v_x)
         turning = [(delta - delta_s[0]) / 0.08] if steered else []

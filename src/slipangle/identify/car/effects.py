@@ -21,9 +21,7 @@ _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
 # are more, as cars that roll much asked for one by up to 3.7.
 _SURE, _SURE_SPEED = (1.96, 3.92), (4.0, 6.0)
-_BRUSHES = (
-    0.5  # how far brushes count that explain a log as well, as real tires are in between; better ones count whole
-)
+_BRUSHES = 0.5  # how far brushes count that explain a log just as well, as real tires are in between
 _ANY = 2.0  # of what needs no other proof than that it helps
 
 
@@ -86,7 +84,7 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
     def worse(other: Fitted) -> float:
         return change(at, errors(other, data))[0] / AS_GOOD
 
-    trials = [(brushed := _brushed(final, data), _BRUSHES - worse(brushed))]
+    trials = list[tuple[Fitted, float]]()
     for correction in (c for c in dropped if not c.own):
         other = corrected(final, correction, data)
         trials.append((other, told(other, correction.free) - 1.0))
@@ -98,7 +96,9 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
         trials.append((moved, away - _NONE))
-    counted = [(other, float(min(share, _NONE - worse(other), 1.0))) for other, share in trials]
+    brushed = _brushed(final, data)
+    counted = [(brushed, float(min(_BRUSHES - worse(brushed), 1.0)))]
+    counted += [(other, float(min(share, _NONE - worse(other), 1.0))) for other, share in trials]
     return [(other, share) for other, share in counted if share > 0]
 
 

@@ -117,7 +117,7 @@ class LoadTransfer(OdeWrapper):
         v_y, r = (x[self.states.index(name)] for name in ("v_y", "r"))
         a_x = (p.gain_v_x * self._gains(x, u) - v_y * r) / GRAVITY
         share = p.load_shift - self.height * a_x / p.wheelbase
-        shifted = replace(p, load_shift=maximum(minimum(share, _MOST), -_MOST))
+        shifted = replace(p, load_shift=clip(share, -_MOST, _MOST))
         drive, brake = maximum(a_x, 0.0), minimum(a_x, 0.0)
         rear = self.drive_rear * drive + self.brake_rear * brake
         loads = shifted.load_ratios(p.gain_v_x * u[self.inputs.index("v_x")])
