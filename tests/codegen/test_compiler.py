@@ -101,6 +101,22 @@ def test_rejected_source_warns_and_leaves_nothing(folder):
 
 
 @needs_compiler
+def test_several_files_are_one_library_and_the_wrong_one_is_named(tmp_path):
+    one, other, target = tmp_path / "one.c", tmp_path / "other.c", tmp_path / f"both{compiled.SUFFIX}"
+    one.write_text("double twice(double x);\ndouble fourfold(double x) { return twice(twice(x)); }\n")
+    other.write_text(SOURCE)
+    made = compiled.compile_file([one, other], target)
+    loaded = ctypes.CDLL(str(target))
+    loaded.fourfold.restype, loaded.fourfold.argtypes = ctypes.c_double, [ctypes.c_double]
+    assert loaded.fourfold(2.0) == 8.0
+    assert "-shared" in made["flags"]
+    other.write_text("int x = nonsense;\n")
+    with pytest.raises(ConfigError, match=r"did not compile '[^']*other\.c' \(.*error.*\).*SLIPANGLE_CC"):
+        compiled.compile_file([one, other], tmp_path / "none.so")
+    assert not (tmp_path / "none.so").exists()
+
+
+@needs_compiler
 def test_unwritable_cache_still_compiles(monkeypatch, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -330,6 +330,17 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/realtime/repeated.py",
+        "optimal/realtime/test_repeated_steps.py",
+        [
+            ("steps begin without derivatives", "v_all(1.0)", "v_all(0.5)"),
+            ("the step before the last is taken", "last=self.times % 2", "last=1"),
+            ("inputs act in the last step alone", "by_v + ca.mtimes(by_y, D)", "by_v + 0 * D"),
+            ("late inputs are of no state", "ca.mtimes(Y, y_x) + ca.mtimes(D, v_x[moved, :])", "ca.mtimes(Y, y_x)"),
+            ("controls move no input", "ca.mtimes(Y, y_u) + ca.mtimes(D, v_u[moved, :])", "ca.mtimes(Y, y_u)"),
+        ],
+    ),
+    *mistakes(
         "optimal/realtime/qp.c",
         (PLANS, "optimal/realtime/test_qp.py::test_same_as_daqp"),
         [

@@ -21,7 +21,9 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import repeat
 from pathlib import Path
 
 from slipangle import files
@@ -142,19 +144,31 @@ def compile_file(
     if command is None:
         raise ConfigError(f"{sentence().partition(',')[0]}; expected one: install it as cc, or pip install ziglang")
     given = bool(os.environ.get("SLIPANGLE_CFLAGS", "").strip())
-    said = ""
+    said, of = "", target
     for level in _levels() if given or not portable else (PORTABLE,):
         options = (*flags, *level, "-shared", "-fPIC", "-std=gnu11")
         try:
-            status, text = _run((*command, *options, "-o", str(target), *map(str, sources), "-lm"), os.environ)
+            status, text, of = _side_by_side(command, options, sources, target)
         except _RejectedError as error:
             status, text = 1, f"error: {error}"
         if status == 0 and target.is_file():
             return {"compiler": _version(command).partition("\n")[0], "command": list(command), "flags": list(options)}
         said = next((line for line in text.splitlines() if "error" in line), f"exit code {status}")
-    raise ConfigError(
-        f"'{' '.join(command)}' did not compile '{sources[0]}' ({said[:200]}): set SLIPANGLE_CC to another one"
-    )
+    raise ConfigError(f"'{' '.join(command)}' did not compile '{of}' ({said[:200]}): set SLIPANGLE_CC to another one")
+
+
+def _side_by_side(
+    command: tuple[str, ...], options: tuple[str, ...], sources: Sequence[Path], target: Path
+) -> tuple[int, str, Path]:
+    """Exit code, messages and what they are of: the compiler once for each source at the same time, then to link."""
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(len(sources)) as pool:
+        objects = [str(Path(scratch) / f"{i}.o") for i in range(len(sources))]
+        alone = (*command, *(o for o in options if o != "-shared"), "-c")
+        calls = [(*alone, "-o", made, str(source)) for made, source in zip(objects, sources, strict=True)]
+        for source, (status, text) in zip(sources, pool.map(_run, calls, repeat(os.environ)), strict=True):
+            if status:
+                return status, text, source
+        return *_run((*command, *options, "-o", str(target), *objects, "-lm"), os.environ), target
 
 
 def _levels() -> tuple[tuple[str, ...], ...]:

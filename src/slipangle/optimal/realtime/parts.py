@@ -13,12 +13,12 @@ import numpy as np
 from slipangle.codegen.derivatives import jacobians
 from slipangle.codegen.expression import scalars
 from slipangle.models.ode import OdeModel
-from slipangle.numerics.integrate import RADAU_A, RETRY, discretise
+from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.ops import is_symbolic
 from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.repeated import repeated
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
-_NOT_INLINED: Any = {"never_inline": True}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,34 +119,12 @@ def stage_function(ocp: OCP) -> ca.Function:
 def dynamics_function(ocp: OCP) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none."""
     base = scalars(ocp.dynamics)
-    short, times = (None, 1) if base is None else _explicit_step(ocp)
-    if short is not None and short.n_instructions() * times > MOST_INSTRUCTIONS:
-        return _repeated(short, times)
+    steps = None if base is None else repeated(ocp)
+    if steps is not None and steps.short.n_instructions() * steps.times > MOST_INSTRUCTIONS:
+        return steps.whole()
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
     return ca.Function("dynamics", [x, u, w], [later, *jacobians([later], [x, u])])
-
-
-def _explicit_step(ocp: OCP) -> tuple[ca.Function | None, int]:
-    """One of several explicit steps of a sample, ``(x, u, w) -> next`` and derivatives, and how many; else None."""
-    model, own = ocp.model, type(ocp).dynamics is OCP.dynamics  # not of several phases
-    if not (own and isinstance(model, OdeModel)) or model.own_step or model.method == "radau" or model.substeps == 1:
-        return None, 1
-    x, u, w, full, _ = ocp.symbols(ca.SX)
-    sizes = {"n_states": model.n_states, "n_inputs": model.n_inputs}
-    step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
-    later = step(x, full)
-    return ca.Function("short_step", [x, u, w], [later, *jacobians([later], [x, u])], _NOT_INLINED), model.substeps
-
-
-def _repeated(step: ca.Function, times: int) -> ca.Function:
-    """Steps one after the other with the inputs held, each a call of the one function."""
-    x, u, w = (ca.MX.sym(name, step.size1_in(i)) for i, name in enumerate("xuw"))
-    later, by_x, by_u = x, ca.MX.eye(x.shape[0]), ca.MX(x.shape[0], u.shape[0])
-    for _ in range(times):
-        later, A, B = step(later, u, w)
-        by_x, by_u = ca.mtimes(A, by_x), ca.mtimes(A, by_u) + B
-    return ca.Function("dynamics", [x, u, w], [later, by_x, by_u])
 
 
 def jump_function(ocp: OCP) -> ca.Function:

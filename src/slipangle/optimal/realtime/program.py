@@ -26,9 +26,10 @@ from slipangle.optimal.realtime.parts import (
     limit_rows,
     stage_function,
 )
+from slipangle.optimal.realtime.products import chained, follow_on
+from slipangle.optimal.realtime.repeated import repeated
 
-LONG = 1_500_000  # characters of straight-line code; beyond, it is compiled with less effort
-MOST_TERMS = 200  # of a product that is written out term by term
+LONG = 250_000  # characters of one straight-line function; beyond, it is compiled with less effort
 FIELDS = (  # of the C struct, as seen from Python
     "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
@@ -63,14 +64,19 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         kinds, pattern = ["RADAU"], _step_pattern(parts, ocp.model.n_states)
         code += _implicit_code(parts)
     else:
-        dynamics = dynamics_function(ocp)
-        plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
-        short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
-        kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
-        if plain is not None and short:
-            code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
+        steps = repeated(ocp)
+        if steps is not None and all(scalar_code(f) is not None for f in steps[:3]):
+            kinds, pattern = ["EXPLICIT"], steps.end.sparsity_out(1)
+            code += steps.code(_columns)
         else:
-            called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
+            dynamics = dynamics_function(ocp)
+            plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
+            short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
+            kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
+            if plain is not None and short:
+                code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
+            else:
+                called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
     if stage_lanes is not None:
         code += [_columns(stage_lanes, "lanes_stage"), _columns(only(stage_lanes, [0, 1]), "stage_values")]
     else:
@@ -82,8 +88,10 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
     head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
-    # Straight-line code gains a twentieth where what is scheduled early still fits the registers; other code loses.
-    effort = "O1" if sum(map(len, code)) > LONG else "sched-pressure" if kinds[0] != "CALLED" else ""
+    # Straight-line code gains a twentieth where what is scheduled early still fits the registers; other code loses. The
+    # time that takes grows with the square of the length: 40 s of 55 for 800 000 characters.
+    effort = "sched-pressure" if max(map(len, code), default=0) <= LONG else "no-schedule-insns"
+    effort = effort if kinds[0] != "CALLED" else ""
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
@@ -299,35 +307,8 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, pattern: ca.Spa
     if ocp.jumps:
         pattern = pattern + jump_function(ocp).sparsity_out(1)
     lines += _patterns("A", pattern)
-    lines += [_chained(nonzeros(pattern)), _follow_on(nonzeros(pattern))]
+    lines += [chained(nonzeros(pattern)), follow_on(nonzeros(pattern))]
     return "\n".join(lines) + "\n"
-
-
-def _chained(rows: list[list[int]]) -> str:
-    """C of ``chained(A, from, to, stride)``: A, of these nonzeros by row, times as many rows of vectors.
-
-    Written out row by row while that is short: loops over so few terms take longer than these.
-    """
-    n = len(rows)
-    lines = ["static void chained(const double *restrict A, const V *restrict from, V *restrict to, int stride)", "{"]
-    if sum(map(len, rows)) > MOST_TERMS:
-        return "\n".join(
-            [
-                *lines,
-                f"    for (int a = 0; a < {n}; a++) {{",
-                "        V sum = {0};",
-                "        for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)",
-                f"            sum += A[a * {n} + A_AT[c]] * from[A_AT[c] * stride];",
-                "        to[a * stride] = sum;",
-                "    }",
-                "}",
-            ]
-        )
-    lines += [f"    const V r{c} = from[{c} * stride];" for c in sorted({c for row in rows for c in row})]
-    for a, row in enumerate(rows):
-        terms = " + ".join(f"A[{a * n + c}] * r{c}" for c in row)
-        lines.append(f"    to[{a} * stride] = {terms or 'v_all(0.0)'};")
-    return "\n".join([*lines, "}"])
 
 
 def _step_pattern(parts: Implicit, nx: int) -> ca.Sparsity:
@@ -366,29 +347,3 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
         lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
         lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
     return "\n".join([*lines, "} Scratch;\n"])
-
-
-def _follow_on(rows: list[list[int]]) -> str:
-    """C of ``follow_on(A, from, v, to)``: v plus A, of these nonzeros by row, times what the step comes from."""
-    n = len(rows)
-    lines = [
-        "static void follow_on(const double *restrict A, const double *restrict from, const double *restrict v,",
-        "                      double *restrict to)",
-        "{",
-    ]
-    if sum(map(len, rows)) > MOST_TERMS:
-        return "\n".join(
-            [
-                *lines,
-                f"    for (int a = 0; a < {n}; a++) {{",
-                "        double sum = v[a];",
-                "        for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)",
-                f"            sum += A[a * {n} + A_AT[c]] * from[A_AT[c]];",
-                "        to[a] = sum;",
-                "    }",
-                "}",
-            ]
-        )
-    lines += [f"    const double r{c} = from[{c}];" for c in sorted({c for row in rows for c in row})]
-    lines += [f"    to[{a}] = v[{a}]{''.join(f' + A[{a * n + c}] * r{c}' for c in row)};" for a, row in enumerate(rows)]
-    return "\n".join([*lines, "}"])
