@@ -129,6 +129,22 @@ def test_code_does_not_grow_with_the_steps():
         assert len(few) == len(many)  # another number of steps, another length of one
 
 
+def test_steps_of_a_linear_model_are_one_by_another_matrix():
+    """Their derivatives are numbers, and products of these too."""
+    chain = sa.Ode(
+        f=lambda x, u, p: [*(x[3 + i] for i in range(3)), x[1] - 2 * x[0], x[0] + x[2] - 2 * x[1], x[1] - x[2] + u[0]],
+        states=(*(f"place_{i}" for i in range(3)), *(f"speed_{i}" for i in range(3))),
+        inputs=("force",),
+        params={"k": 1.0},
+        dt=0.1,
+        substeps=10,
+    )
+    ocp = sa.MPC(chain, horizon=5, controls=("force",), Q=sa.Weights(place_0=1.0), limits=sa.Limits(force=1.0)).ocp
+    assert repeated(ocp) is not None
+    assert "void short_step(" not in program.source(ocp)
+    assert "void short_step(" in program.source(problem(car))
+
+
 @pytest.mark.parametrize("made", [swing, car])
 def test_one_step_is_written_out(made):
     assert repeated(problem(made, substeps=1)) is None

@@ -35,6 +35,7 @@ FIELDS = (  # of the C struct, as seen from Python
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations by_stages anew".split()
+MOST_MORE = 1.05  # instructions of steps that are repeated over those of all written out, which linear ones make few
 _GCC = """\
 #if defined __GNUC__ && !defined __clang__
 #pragma GCC optimize("{effort}")
@@ -64,13 +65,12 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         kinds, pattern = ["RADAU"], _step_pattern(parts, ocp.model.n_states)
         code += _implicit_code(parts)
     else:
-        steps = repeated(ocp)
-        if steps is not None and all(scalar_code(f) is not None for f in steps[:3]):
+        steps, dynamics = repeated(ocp), dynamics_function(ocp)
+        plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
+        if steps is not None and (plain is None or steps.n_instructions <= MOST_MORE * plain.n_instructions()):
             kinds, pattern = ["EXPLICIT"], steps.end.sparsity_out(1)
             code += steps.code(_columns)
         else:
-            dynamics = dynamics_function(ocp)
-            plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
             short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
             kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
             if plain is not None and short:

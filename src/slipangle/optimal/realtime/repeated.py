@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.derivatives import jacobians
-from slipangle.codegen.expression import scalars
+from slipangle.codegen.expression import scalar_code
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import discretise
@@ -58,6 +58,12 @@ class Repeated(NamedTuple):
     short: ca.Function  # (y, v, Y, D) -> those of y, Y and D a step later
     end: ca.Function  # (x, u, w, y, Y, D) -> next and its derivatives by x and u
     times: int
+    apart: int  # instructions of all steps and their derivatives, each by where it begins
+
+    @property
+    def n_instructions(self) -> int:
+        """Of a sample, as they are executed."""
+        return self.begin.n_instructions() + self.times * self.short.n_instructions() + self.end.n_instructions()
 
     def whole(self) -> ca.Function:
         """``(x, u, w) -> next`` and derivatives, as calls of the three."""
@@ -104,7 +110,7 @@ def repeated(ocp: OCP) -> Repeated | None:
     y, v = seen[0]
     y_x, y_u, v_x, v_u = jacobians([y, v], [x, u])
     moved = [i for i in range(v.shape[0]) if v_x[i, :].nnz() + v_u[i, :].nnz()]
-    short, by_start, by_input = _short_step(equations, moved)
+    short, alone, by_start, by_input = _short_step(equations, moved)
     Y, Y_read = _matrix("Y", by_start)
     D, D_read = _matrix("D", by_input)
     next_x, next_u, next_y = jacobians([later], [x, u, y_end])
@@ -112,8 +118,8 @@ def repeated(ocp: OCP) -> Repeated | None:
     B = next_u + ca.mtimes(next_y, ca.mtimes(Y, y_u) + ca.mtimes(D, v_u[moved, :]))
     begin = ca.Function("begin", [x, u, w], [ca.densify(y), ca.densify(v)])
     end = ca.Function("end", [x, u, w, y_end, Y_read, D_read], [ca.densify(later), A, B])
-    parts = Repeated(begin, short, end, equations.substeps)
-    return parts if all(scalars(f) is not None for f in parts[:3]) else None
+    parts = Repeated(begin, short, end, equations.substeps, equations.substeps * alone)
+    return parts if all(scalar_code(f) is not None for f in parts[:3]) else None
 
 
 def _around(model: Model, step: Callable[[Any, Any], Any]) -> tuple[Model, OdeModel] | None:
@@ -129,8 +135,8 @@ def _around(model: Model, step: Callable[[Any, Any], Any]) -> tuple[Model, OdeMo
     return None if found is None else (replace(model, model=found[0]), found[1])  # type: ignore[type-var]
 
 
-def _short_step(model: OdeModel, moved: list[int]) -> tuple[ca.Function, np.ndarray, np.ndarray]:
-    """One of the steps and its derivatives on top of those before; where these can be other than zero."""
+def _short_step(model: OdeModel, moved: list[int]) -> tuple[ca.Function, int, np.ndarray, np.ndarray]:
+    """One of the steps, its derivatives on top of those before; how long it is alone; where these can be nonzero."""
     sizes = {"n_states": model.n_states, "n_inputs": model.n_inputs}
     step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
     y, v = ca.SX.sym("y", model.n_states), ca.SX.sym("v", model.n_inputs)
@@ -143,7 +149,8 @@ def _short_step(model: OdeModel, moved: list[int]) -> tuple[ca.Function, np.ndar
     Y, Y_read = _matrix("Y", by_start)
     D, D_read = _matrix("D", by_input)
     results = [ca.densify(later), ca.mtimes(by_y, Y), by_v + ca.mtimes(by_y, D)]
-    return ca.Function("short", [y, v, Y_read, D_read], results), by_start, by_input
+    alone = ca.Function("alone", [y, v], [later, by_y, by_v]).n_instructions()
+    return ca.Function("short", [y, v, Y_read, D_read], results), alone, by_start, by_input
 
 
 def _matrix(name: str, pattern: np.ndarray) -> tuple[Any, Any]:
