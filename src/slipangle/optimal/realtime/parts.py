@@ -119,7 +119,7 @@ def stage_function(ocp: OCP) -> ca.Function:
 def dynamics_function(ocp: OCP) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none."""
     base = scalars(ocp.dynamics)
-    steps = None if base is None else repeated(ocp)
+    steps = repeated(ocp)
     if steps is not None and steps.apart > MOST_INSTRUCTIONS:
         return steps.whole()
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)

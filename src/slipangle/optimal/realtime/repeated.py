@@ -7,7 +7,6 @@ these, and one step stays in the processor's cache of instructions while it is t
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import is_dataclass, replace
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.derivatives import jacobians
-from slipangle.codegen.expression import scalar_code
+from slipangle.codegen.expression import scalar_code, scalars
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import discretise
@@ -90,7 +89,7 @@ class Repeated(NamedTuple):
 
 def repeated(ocp: OCP) -> Repeated | None:
     """The three parts; None where a sample is one step, or one of the model's own, or that of more than one model."""
-    if type(ocp).dynamics is not OCP.dynamics or ocp.model.n_inputs == 0:
+    if type(ocp).dynamics is not OCP.dynamics or ocp.model.n_inputs == 0 or scalars(ocp.dynamics) is None:
         return None
     seen: list[tuple[Any, Any]] = []
 
@@ -127,8 +126,8 @@ def _around(model: Model, step: Callable[[Any, Any], Any]) -> tuple[Model, OdeMo
     if isinstance(model, OdeModel):
         if model.own_step or model.method == "radau" or model.substeps == 1:
             return None
-        other = copy.copy(model)
-        vars(other)["_step"] = step
+        other = object.__new__(type(model))
+        vars(other).update(vars(model), _step=step)
         return other, model
     inside = getattr(model, "model", None) if is_dataclass(model) else None
     found = _around(inside, step) if isinstance(inside, Model) else None
