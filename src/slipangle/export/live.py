@@ -41,7 +41,7 @@ from slipangle.simulate.plant import Plant
 SAMPLE = 0.01  # s, between samples of the result and steps of the speed law, as `closed_loop` has it
 LONGEST = 60.0  # s of driving; a longer one does not answer at once
 MOST_BYTES = 400_000  # of WebAssembly
-MOST_LETTERS = 6 * MOST_BYTES  # of C; four or five make a byte
+MOST_LETTERS = 6 * MOST_BYTES  # of C; three to five make a byte
 LATEST = 0.3  # s of steering delay at most
 _PLACES = {"pace": 0, "friction": 1, "delay": 2, "mass": 3}  # of settings, before the weights
 _FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-Os", "-msimd128", "-std=gnu11", "-fno-sanitize=undefined")

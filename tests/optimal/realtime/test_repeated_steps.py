@@ -117,7 +117,7 @@ def test_steps_and_derivatives_are_those_written_out(monkeypatch, made, changed)
     ocp = problem(made, **changed)
     given = SWING if made is swing else [moving(sa.MPC(**made(**changed))), np.array([0.06]), np.array([18.0])]
     call_steps(monkeypatch)
-    called = parts.dynamics_function(ocp)
+    called = parts.dynamics_function(ocp, repeated(ocp))
     assert not called.is_a("SXFunction")
     for one, other in zip(by_casadi(ocp, given), called(*given), strict=True):
         assert np.array(ca.DM(other)) == pytest.approx(one, rel=1e-11, abs=1e-13)

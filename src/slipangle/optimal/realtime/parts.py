@@ -16,7 +16,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.ops import is_symbolic
 from slipangle.optimal.ocp import OCP
-from slipangle.optimal.realtime.repeated import repeated
+from slipangle.optimal.realtime.repeated import Repeated
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 
@@ -116,12 +116,14 @@ def stage_function(ocp: OCP) -> ca.Function:
     return ca.Function("stage", [x, u, w, p], [error, limited, *jacobians([error, limited], [x, u])])
 
 
-def dynamics_function(ocp: OCP) -> ca.Function:
-    """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none."""
-    base = scalars(ocp.dynamics)
-    steps = repeated(ocp)
+def dynamics_function(ocp: OCP, steps: Repeated | None) -> ca.Function:
+    """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none.
+
+    The steps are those of `repeated`, which are called one after the other where the code would be too long.
+    """
     if steps is not None and steps.apart > MOST_INSTRUCTIONS:
         return steps.whole()
+    base = scalars(ocp.dynamics)
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
     return ca.Function("dynamics", [x, u, w], [later, *jacobians([later], [x, u])])

@@ -65,7 +65,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         kinds, pattern = ["RADAU"], _step_pattern(parts, ocp.model.n_states)
         code += _implicit_code(parts)
     else:
-        steps, dynamics = repeated(ocp), dynamics_function(ocp)
+        steps = repeated(ocp)
+        dynamics = dynamics_function(ocp, steps)
         plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
         if steps is not None and (plain is None or steps.n_instructions <= MOST_MORE * plain.n_instructions()):
             kinds, pattern = ["EXPLICIT"], steps.end.sparsity_out(1)
@@ -90,8 +91,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
     # Straight-line code gains a twentieth where what is scheduled early still fits the registers; other code loses. The
     # time that takes grows with the square of the length: 40 s of 55 for 800 000 characters.
-    effort = "sched-pressure" if max(map(len, code), default=0) <= LONG else "no-schedule-insns"
-    effort = effort if kinds[0] != "CALLED" else ""
+    scheduled = "no-schedule-insns" if max(map(len, code), default=0) > LONG else "sched-pressure"
+    effort = "" if kinds[0] == "CALLED" else scheduled
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
