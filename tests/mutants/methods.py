@@ -335,6 +335,7 @@ MUTANTS = [
         [
             ("steps begin without derivatives", "v_all(1.0)", "v_all(0.5)"),
             ("the step before the last is taken", "last=self.times % 2", "last=1"),
+            ("zeros are not written", "ca.project(Y_later, Y.sparsity())", "Y_later"),
             ("inputs act in the last step alone", "by_v + ca.mtimes(by_y, D)", "by_v + 0 * D"),
             ("late inputs are of no state", "ca.mtimes(Y, y_x) + ca.mtimes(D, v_x[moved, :])", "ca.mtimes(Y, y_x)"),
             ("controls move no input", "ca.mtimes(Y, y_u) + ca.mtimes(D, v_u[moved, :])", "ca.mtimes(Y, y_u)"),

@@ -205,3 +205,31 @@ def test_without_a_compiler_too(monkeypatch):
     exact = sa.MPC(**swing(solver="ipopt")).plan(np.array([0.8, 0.0]), wind=0.1)
     assert plan.status.solved
     assert plan.u == pytest.approx(exact.u, abs=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler")
+def test_a_step_as_long_as_a_lag_forgets_where_it_began(monkeypatch):
+    """Euler's step has no derivative by a state then that the steps before had one by."""
+    lagged = sa.Ode(
+        f=lambda x, u, p: [(x[1] - x[0]) * p.k, (u[0] - x[1]) * p.k, x[0] * x[1] + u[0] * x[2]],
+        states=("a", "b", "c"),
+        inputs=("f",),
+        params={"k": 100.0},
+        dt=0.05,
+        substeps=5,
+        method="euler",
+    )
+    settings = {"horizon": 6, "controls": ("f",), "Q": sa.Weights(c=1.0), "R": sa.Weights(f=0.01)}
+    start, solver = np.array([3.0, -2.0, 0.5]), sa.RealTime(iterations=1)
+    call_steps(monkeypatch)
+    repeats = sa.MPC(lagged, **settings, solver=solver)
+    assert "void short_step(" in program.source(repeats.ocp)
+    plans = [repeats.plan(start, c=0.2)]
+    plans.append(repeats.plan(start + 0.3, previous=plans[0], c=0.4))
+    monkeypatch.undo()
+    write_out(monkeypatch)
+    other = sa.MPC(lagged, **settings, solver=solver)
+    wanted = [other.plan(start, c=0.2)]
+    wanted.append(other.plan(start + 0.3, previous=wanted[0], c=0.4))
+    for plan, expected in zip(plans, wanted, strict=True):
+        assert plan.u == pytest.approx(expected.u, abs=1e-9)

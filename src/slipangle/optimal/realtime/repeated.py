@@ -147,7 +147,9 @@ def _short_step(model: OdeModel, moved: list[int]) -> tuple[ca.Function, int, np
         by_start, by_input = by_start | one @ by_start, more | one @ by_input
     Y, Y_read = _matrix("Y", by_start)
     D, D_read = _matrix("D", by_input)
-    results = [ca.densify(later), ca.mtimes(by_y, Y), by_v + ca.mtimes(by_y, D)]
+    # All that is read is written, zeros too: both lie where the derivatives of two steps before were.
+    Y_later, D_later = ca.mtimes(by_y, Y), by_v + ca.mtimes(by_y, D)
+    results = [ca.densify(later), ca.project(Y_later, Y.sparsity()), ca.project(D_later, D.sparsity())]
     alone = ca.Function("alone", [y, v], [later, by_y, by_v]).n_instructions()
     return ca.Function("short", [y, v, Y_read, D_read], results), alone, by_start, by_input
 
