@@ -1,5 +1,7 @@
 """Tables against SciPy's splines, in C of columns, and in plans against a plain program with CasADi's own spline."""
 
+import os
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -154,7 +156,10 @@ def test_the_code_has_no_branches_and_is_that_of_columns():
     assert driven().recorded().step([0.1, 0.3], [0.4]) == pytest.approx(driven().step([0.1, 0.3], [0.4]), rel=1e-14)
 
 
-def test_an_interpolant_of_casadi_plans_alike_but_not_in_columns():
+@pytest.mark.filterwarnings("ignore:no C compiler")
+@pytest.mark.parametrize("compiler", ["", "none"])
+def test_an_interpolant_of_casadi_plans_alike_but_not_in_columns(monkeypatch, compiler):
+    monkeypatch.setenv("SLIPANGLE_CC", compiler or os.environ.get("SLIPANGLE_CC", ""))
     spline = ca.interpolant("spline", "bspline", [MOTOR.grid[0].tolist()], MOTOR.values.tolist())
     plans = []
     for table in (MOTOR, lambda v: spline(v) if isinstance(v, (ca.SX, ca.MX)) else np.asarray(spline(v)).ravel()[0]):

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.derivatives import jacobians
-from slipangle.codegen.expression import arguments, fewer_divisions
+from slipangle.codegen.expression import arguments, fewer_divisions, scalar_code
 from slipangle.numerics.integrate import RADAU_A
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.parts import Implicit, rest_after
@@ -137,9 +137,10 @@ def columns(function: ca.Function, times: int) -> ca.Function:
     The virtual machine spends ten times as long on an instruction as on one number, so this is faster from about five
     columns on.
     """
-    if not function.is_a("SXFunction") or times < 5 or function.n_instructions() > MOST_INSTRUCTIONS:
+    plain = scalar_code(function) if function.is_a("SXFunction") else None  # None where it calls, say, an interpolant
+    if plain is None or times < 5 or function.n_instructions() > MOST_INSTRUCTIONS:
         return function.map(times)
-    function = fewer_divisions(function)
+    function = fewer_divisions(plain)
     given = [ca.MX.sym(function.name_in(i), function.nnz_in(i), times) for i in range(function.n_in())]
     rows = [ca.horzsplit(g.T) if g.numel() else [] for g in given]
     results = [[ca.MX.zeros(times)] * function.nnz_out(i) for i in range(function.n_out())]
