@@ -9,12 +9,16 @@ import pytest
 from slipangle.data.dataset import Dataset
 from slipangle.data.public.sets import public
 from slipangle.errors import MissingColumnError, NotFiniteError, ParameterError, SampleTimeError, SimulationError
+from slipangle.estimate import filter as filter_
 from slipangle.estimate.ekf import EKF
+from slipangle.estimate.filter import Scales, filter_step
 from slipangle.identify.judge.validate import validate
+from slipangle.models import repeated
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import SI, Annotated, ParameterSet
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_7_2
+from slipangle.models.wrappers.delayed import Delayed
 from slipangle.ops import stack
 
 BICYCLE = Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "a_y"))
@@ -319,3 +323,26 @@ def test_surprise_is_the_mean_square_of_innovations_and_one_for_the_right_model(
     assert np.mean(heard[100:]) == pytest.approx(1.0, abs=0.08)  # 2 800 squares of a standard normal
     filter_.update(np.array([np.nan, np.nan]), data.u[0])
     assert np.isnan(filter_.surprise)
+
+
+@pytest.mark.parametrize("free", [(), ("stiffness", "offset")], ids=["states", "parameters"])
+@pytest.mark.parametrize("method", ["rk4", "euler"])
+def test_steps_that_are_repeated_are_those_written_out(monkeypatch, method, free):
+    """Also where the inputs are late and parameters are estimated."""
+    monkeypatch.setattr(repeated, "MOST_MORE", 10.0)
+    spring = Spring(params=SpringParams(stiffness=30.0, offset=0.8), dt=0.1, method=method, substeps=12)
+    model = Delayed(spring, delays={"force": 0.23})
+    noise = dict.fromkeys(model.outputs, 0.02)
+    settings = EKF(start=model, free=free, noise_std=noise, process_std={"v": 0.1})
+    assert isinstance(filter_step(settings, Scales(settings)), repeated.Repeated)
+    rng, estimates = np.random.default_rng(3), []
+    y, u = rng.normal(0, 0.1, (60, model.n_outputs)), rng.normal(0, 3.0, (60, 1))
+    for write_out in (False, True):
+        if write_out:
+            monkeypatch.setattr(filter_, "repeated", lambda *_, **__: None)
+        tracker = settings.start_at(np.full(model.n_states, 0.1))
+        for now, given in zip(y, u, strict=True):
+            tracker.update(now, given)
+        estimates.append([tracker.state, tracker.state_std, tracker.parameters, tracker.parameters_std])
+    for one, other in zip(*estimates, strict=True):
+        assert np.array(one) == pytest.approx(np.array(other), rel=1e-9, abs=1e-12)

@@ -4,6 +4,7 @@ import pickle
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -15,11 +16,14 @@ from slipangle.estimate.ekf import EKF
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import SI, ParameterSet
+from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import stack
 from slipangle.optimal.engine import Engine
+from slipangle.optimal.realtime.parts import repeated_steps
 from slipangle.optimal.solution import Solution, Status
 from slipangle.simulate.sensors import Sensor, Sensors
+from tests.estimate.test_ekf import Spring, SpringParams
 from tests.estimate.test_observer import BICYCLE, LATE, NOISE, driven, model_named, oracle, settings_of
 
 
@@ -323,3 +327,23 @@ def test_a_driver_drives_with_it_as_with_the_filter():
         run = sa.drive(plant, driver, channels=("r", "v_x", *late), duration=4.0)
         errors.append(run.rmse("y"))
     assert errors[1] < 1.2 * errors[0] < 0.05
+
+
+@pytest.mark.parametrize("free", [(), ("stiffness", "offset")], ids=["states", "parameters"])
+def test_a_windows_steps_that_are_repeated_are_those_written_out(free):
+    """And their derivatives, by the states, what stands for parameters and offsets, and what wanders."""
+    spring = Spring(params=SpringParams(stiffness=30.0, offset=0.8), dt=0.1, substeps=7)
+    model = Delayed(spring, delays={"force": 0.23})
+    noise, wander = dict.fromkeys(model.outputs, 0.02), {"v": 0.1, "x": 0.02}
+    settings = MHE(start=model, horizon=4, free=free, noise_std=noise, process_std=wander, bias_std={"x": 0.1})
+    ocp, rng = settings.window.ocp, np.random.default_rng(1)
+    steps, values = (repeated_steps(ocp, derivatives=d) for d in (True, False))
+    assert steps is not None
+    assert values is not None
+    given = [rng.normal(size=ocp.dynamics.size1_in(i)) for i in range(3)]
+    x, u, w = (ca.MX.sym(n, len(v)) for n, v in zip("xuw", given, strict=True))
+    later = ocp.dynamics(x, u, w)
+    wanted = ca.Function("wanted", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])(*given)
+    for one, other in zip(steps.whole("steps")(*given), wanted, strict=True):
+        assert np.array(ca.DM(one)) == pytest.approx(np.array(ca.DM(other)), rel=1e-11, abs=1e-13)
+    assert np.array(values.whole("values")(*given)) == pytest.approx(np.array(ca.DM(wanted[0])), rel=1e-13, abs=1e-15)

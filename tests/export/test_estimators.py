@@ -1,6 +1,7 @@
 """An exported filter estimates what the one in Python does, whatever it is given, on any machine."""
 
 import ctypes
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,11 +13,35 @@ from slipangle.export.drives import Drive
 from slipangle.export.kinds import project_of
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.load_transfer import LoadTransfer
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
+from slipangle.models.vehicles.steering import Steered
+from slipangle.models.wrappers.delayed import Delayed
 from tests.export.loaded import array, as_one, defines
 from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
+LIMITED = SaturatingBicycleParams(
+    mass=1000.0,
+    inertia_z=800.0,
+    wheelbase=2.4,
+    l_f=1.3,
+    C_f=6e4,
+    C_r=1e5,
+    mu_f=0.9,
+    mu_r=1.0,
+    relaxation_f=0.4,
+    relaxation_r=0.4,
+)
 CAR = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("v_y", "r", "a_y"))
+
+
+def found(substeps=0):
+    """A car as it is found of hard laps: eight steps a sample unless told otherwise, of which the code has one."""
+    equations = RelaxingBicycle(params=LIMITED, dt=0.02, outputs=("v_y", "r", "a_y"), substeps=substeps)
+    return Delayed(Steered(LoadTransfer(equations, height=0.4), steering_lag=0.05), delays={"delta": 0.04})
+
+
 NOISE = {"v_y": 0.05, "r": 0.005, "a_y": 0.2}
 WANDER = {"v_y": 0.2, "r": 0.05}
 VARIANTS = {
@@ -31,9 +56,27 @@ VARIANTS = {
         bias_std={"a_y": 0.3, "r": 0.01},
         bias_walk={"a_y": 0.01},
     ),
+    "many steps": sa.EKF(
+        start=sa.OnGround(found()),
+        free=("C_f", "mu_r"),
+        noise_std={"v_y": 0.05, "r": 0.005, "a_y": 0.2, "X": 0.1, "Y": 0.1, "psi": 0.01},
+        process_std=WANDER,
+        gate=6.0,
+        bias_std={"r": 0.01},
+    ),
     "parameters": sa.EKF(start=CAR, free=("C_f", "C_r"), noise_std=NOISE, process_std=WANDER, walk_std={"C_f": 0.01}),
 }
 EACH = pytest.mark.parametrize("variant", VARIANTS)
+
+
+def test_code_does_not_grow_with_the_steps():
+    """Of a filter, of the solver of a window, and of a model."""
+    known = {"noise_std": NOISE, "process_std": WANDER}
+    for make in (partial(sa.EKF, **known), partial(sa.MHE, horizon=4, **known), lambda start: start):
+        few, many = (project_of(make(start=found(n)), "car", 3).everything for n in (16, 160))
+        assert {n: len(c.splitlines()) for n, c in few.items() if n.endswith(".c")} == {
+            n: len(c.splitlines()) for n, c in many.items() if n.endswith(".c")
+        }
 
 
 class LoadedFilter:

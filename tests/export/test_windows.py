@@ -22,6 +22,7 @@ needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler
 MORE = {
     "observer": {"horizon": 8, "limits": {"v_y": 0.5}},
     "late, gate, offsets": {"horizon": 6},
+    "many steps": {"horizon": 6},
     "parameters": {"horizon": 5, "gate": 5.0},
 }
 

@@ -232,6 +232,14 @@ MUTANTS = [
         [("Narendra: lag of the input", "u[k - 1], u[k - 2]", "u[k - 2], u[k - 1]")],
     ),
     *mistakes(
+        "estimate/window.py",
+        "estimate/test_moving_horizon.py::test_a_windows_steps_that_are_repeated_are_those_written_out",
+        [
+            ("window: steps before do not count", "ca.mtimes(F[0], ca.jacobian(x, b))", "ca.jacobian(x, b)"),
+            ("window: repeated with the input to come", "[x, u[self.width :", "[x, u[self.width + 1 :"),
+        ],
+    ),
+    *mistakes(
         "estimate/filter.py",
         "estimate/test_ekf.py",
         [
@@ -247,7 +255,7 @@ MUTANTS = [
             ),
             ("Kalman: outputs counted twice", "left = error[i] - seen[i] * ca.mtimes(h, shift)", "left = error[i]"),
             ("Kalman: process noise not over time", "ca.mtimes(P, F.T)) + Q * dt", "ca.mtimes(P, F.T)) + Q"),
-            ("Kalman: predicts with the input to come", "z[nx : nx + nq], before)", "z[nx : nx + nq], u)"),
+            ("Kalman: predicts with the input to come", "[z, before], corrected)", "[z, u], corrected)"),
         ],
     ),
     *mistakes(
@@ -330,15 +338,21 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "optimal/realtime/repeated.py",
-        "optimal/realtime/test_repeated_steps.py",
+        "models/repeated.py",
+        (
+            "optimal/realtime/test_repeated_steps.py",
+            "estimate/test_ekf.py::test_steps_that_are_repeated_are_those_written_out",
+        ),
         [
-            ("steps begin without derivatives", "v_all(1.0)", "v_all(0.5)"),
+            ("steps begin without derivatives", "ca.SX.eye(y.shape[0])", "0.5 * ca.SX.eye(y.shape[0])"),
             ("the step before the last is taken", "last=self.times % 2", "last=1"),
-            ("zeros are not written", "ca.project(Y_later, Y.sparsity())", "Y_later"),
+            (
+                "parameters move no step",
+                "moved = [i for i in range(v.shape[0]) if",
+                "moved = [i for i in range(equations.n_inputs) if",
+            ),
             ("inputs act in the last step alone", "by_v + ca.mtimes(by_y, D)", "by_v + 0 * D"),
-            ("late inputs are of no state", "ca.mtimes(Y, y_x) + ca.mtimes(D, v_x[moved, :])", "ca.mtimes(Y, y_x)"),
-            ("controls move no input", "ca.mtimes(Y, y_u) + ca.mtimes(D, v_u[moved, :])", "ca.mtimes(Y, y_u)"),
+            ("late inputs are of no state", " + ca.mtimes(D, v_b[moved, :])", ""),
         ],
     ),
     *mistakes(

@@ -20,6 +20,7 @@ import numpy as np
 from slipangle.codegen.inline import applied, inlined
 from slipangle.errors import ParameterError
 
+MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C with loops
 _SIMPLE = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",

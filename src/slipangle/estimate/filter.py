@@ -9,9 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.derivatives import jacobians
+from slipangle.codegen.expression import MOST_INSTRUCTIONS, scalar_code
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.ode import OdeModel, Parametrised
+from slipangle.models.repeated import Repeated, S, followed, repeated
 from slipangle.numerics.integrate import discretise
 
 
@@ -105,46 +108,102 @@ def moving(model: Model, free: tuple[str, ...], scales: Scales) -> tuple[Any, An
     return kind, lambda x, q, u: plain(x, ca.vertcat(u, q)), lambda x, q, u: at(q).output(x, u)
 
 
-def filter_step(settings: Any, scales: Scales) -> ca.Function:
+def repeated_steps(settings: Any, scales: Scales, *, derivatives: bool = True) -> Repeated | None:
+    """``(z, u) -> z later``, and its derivative by z, of whose steps one is repeated; None where none can be."""
+    model, free = settings.start, settings.free
+    kind, _, _ = moving(model, free, scales)
+    if kind is not ca.SX:
+        return None
+    x, q, u = given = _symbols(settings, kind)
+    at = varied(model, dict(zip(free, scales.values(q), strict=True)))
+    steps = repeated(at, x, u, given=given, by=[x, q] if derivatives else [], parameters=q)
+    return None if steps is None else _with_others(steps, settings, kind)
+
+
+def moved(settings: Any, scales: Scales) -> Repeated | ca.Function:
+    """``(z, u) -> z later`` and its derivative by z; z as that of `filter_step`."""
+    steps = repeated_steps(settings, scales)
+    if steps is not None and steps.apart > MOST_INSTRUCTIONS:
+        return steps
+    kind, step, _ = moving(settings.start, settings.free, scales)
+    x, q, u = given = _symbols(settings, kind)
+    later = step(x, q, u)
+    written_out = ca.Function("later", given, [later, *jacobians([later], [x, q])])
+    whole = _with_others(written_out, settings, kind)
+    return steps if steps is not None and steps.shorter(scalar_code(whole)) else whole
+
+
+def _symbols(settings: Any, kind: Any) -> list[Any]:
+    """Of the states, of what stands for the parameters, and of the inputs."""
+    sizes = settings.start.n_states, len(settings.free), settings.start.n_inputs
+    return [kind.sym(name, size) for name, size in zip("xqu", sizes, strict=True)]
+
+
+def _with_others(step: S, settings: Any, kind: Any) -> S:
+    """A step of x and q, with derivatives by both if it has some, as one of z: what is not x stays."""
+    nx, nq, others = settings.start.n_states, len(settings.free), len(settings.bias_std)
+    z, u = kind.sym("z", nx + nq + others), kind.sym("u", settings.start.n_inputs)
+
+    def joined(later: Any, *by: Any) -> list[Any]:
+        same = ca.horzcat(kind(nq + others, nx), kind.eye(nq + others))
+        return [ca.vertcat(later, z[nx:]), *([ca.vertcat(ca.horzcat(*by, kind(nx, others)), same)] if by else [])]
+
+    return followed(step, [z, u], [z[:nx], z[nx : nx + nq], u], joined)
+
+
+def told(settings: Any, scales: Scales) -> ca.Function:
+    """``(z, u) -> outputs``, with the sensors' offsets, and their derivative by z."""
+    model, nq, biased = settings.start, len(settings.free), tuple(settings.bias_std)
+    nx = model.n_states
+    kind, _, output = moving(model, settings.free, scales)
+    z, u = kind.sym("z", nx + nq + len(biased)), kind.sym("u", model.n_inputs)
+    offsets = [z[nx + nq + biased.index(name)] if name in biased else 0.0 for name in model.outputs]
+    y = output(z[:nx], z[nx : nx + nq], u) + ca.vertcat(*offsets)
+    return ca.Function("told", [z, u], [ca.densify(y), *jacobians([y], [z])])
+
+
+def _symmetric(matrix: Any) -> Any:
+    """The matrix by its lower half; the other is not computed."""
+    return ca.tril2symm(ca.tril(matrix))
+
+
+def filter_step(settings: Any, scales: Scales) -> Repeated | ca.Function:
     """``(z, P, u before, u, y, seen, gate, dt) -> (z, P, error, its variance, taken)``.
 
     z are the states, what stands for the parameters, and the sensors' offsets. dt = 0 leaves out the prediction. The
     covariance is corrected one output at a time in Joseph's form, so it stays positive; an output whose squared error
     is more than ``gate`` times its variance by then is not taken in.
     """
-    model, free, biased = settings.start, settings.free, tuple(settings.bias_std)
-    nx, nq, nu, ny = model.n_states, len(free), model.n_inputs, model.n_outputs
-    n = nx + nq + len(biased)
-    kind, step, output = moving(model, free, scales)
-    z, P = kind.sym("z", n), kind.sym("P", n, n)
+    model, nq = settings.start, len(settings.free)
+    nx, nu, ny = model.n_states, model.n_inputs, model.n_outputs
+    n = nx + nq + len(settings.bias_std)
+    step, look = moved(settings, scales), told(settings, scales)
+    kind: Any = ca.SX if isinstance(step, Repeated) or step.is_a("SXFunction") else ca.MX
     sizes = {"before": nu, "u": nu, "y": ny, "seen": ny, "gate": ny, "dt": 1}
+    z, P = kind.sym("z", n), kind.sym("P", n, n)
     before, u, y, seen, gate, dt = (kind.sym(name, size) for name, size in sizes.items())
-    moved = ca.vertcat(step(z[:nx], z[nx : nx + nq], before), z[nx:])
-    F = ca.jacobian(moved, z)
     wander = [settings.process_std.get(name, 0.0) for name in model.states]
-    wander += [settings.walk_std.get(name, 0.0) for name in free]
-    wander += [settings.bias_walk.get(name, 0.0) for name in biased]
+    wander += [settings.walk_std.get(name, 0.0) for name in settings.free]
+    wander += [settings.bias_walk.get(name, 0.0) for name in settings.bias_std]
     Q = ca.diag(ca.DM([v**2 for v in wander]))
-    first = dt == 0
-    ahead = ca.if_else(first, z, moved)
-    covariance = ca.if_else(first, P, ca.mtimes(F, ca.mtimes(P, F.T)) + Q * dt)
-    now, here = kind.sym("now", n), kind.sym("here", nu)
-    offsets = [now[nx + nq + biased.index(name)] if name in biased else 0.0 for name in model.outputs]
-    seen_y = output(now[:nx], now[nx : nx + nq], here) + ca.vertcat(*offsets)
-    look = ca.Function("look", [now, here], [ca.densify(seen_y), ca.densify(ca.jacobian(seen_y, now))])
-    expected, H = look(ahead, u)
-    error, shift, spread, taken = seen * (y - expected), kind.zeros(n), [], []
-    for i in range(ny):
-        h, noise = H[i, :], settings.noise(model.outputs[i]) ** 2
-        spread.append(ca.mtimes(h, ca.mtimes(covariance, h.T)) + noise)
-        left = error[i] - seen[i] * ca.mtimes(h, shift)
-        taken.append(ca.if_else(left**2 <= gate[i] * spread[-1], seen[i], 0.0))
-        gain = taken[-1] * ca.mtimes(covariance, h.T) / spread[-1]
-        shift += gain * left
-        keep = kind.eye(n) - ca.mtimes(gain, h)
-        covariance = ca.mtimes(keep, ca.mtimes(covariance, keep.T)) + noise * ca.mtimes(gain, gain.T)
-    new = ahead + shift
-    q = ca.fmin(ca.fmax(new[nx : nx + nq], ca.DM(scales.lower)), ca.DM(scales.upper)) if nq else new[nx : nx + nq]
-    covariance = (covariance + covariance.T) / 2
-    results = [ca.vertcat(new[:nx], q, new[nx + nq :]), covariance, error, ca.vertcat(*spread), ca.vertcat(*taken)]
-    return ca.Function("filter", [z, P, before, u, y, seen, gate, dt], [ca.densify(r) for r in results])
+
+    def corrected(later: Any, F: Any) -> list[Any]:
+        ahead = ca.if_else(dt == 0, z, later)
+        covariance = ca.if_else(dt == 0, P, _symmetric(ca.mtimes(F, ca.mtimes(P, F.T)) + Q * dt))
+        expected, H = look(ahead, u)
+        error, shift, spread, taken = seen * (y - expected), kind.zeros(n), [], []
+        for i in range(ny):
+            h, noise = H[i, :], settings.noise(model.outputs[i]) ** 2
+            spread.append(ca.mtimes(h, ca.mtimes(covariance, h.T)) + noise)
+            left = error[i] - seen[i] * ca.mtimes(h, shift)
+            taken.append(ca.if_else(left**2 <= gate[i] * spread[-1], seen[i], 0.0))
+            gain = taken[-1] * ca.mtimes(covariance, h.T) / spread[-1]
+            shift += gain * left
+            keep = kind.eye(n) - ca.mtimes(gain, h)
+            covariance = _symmetric(ca.mtimes(keep, ca.mtimes(covariance, keep.T)) + noise * ca.mtimes(gain, gain.T))
+        new = ahead + shift
+        q = ca.fmin(ca.fmax(new[nx : nx + nq], ca.DM(scales.lower)), ca.DM(scales.upper)) if nq else new[nx : nx + nq]
+        new = ca.vertcat(new[:nx], q, new[nx + nq :])
+        return [ca.densify(r) for r in (new, covariance, error, ca.vertcat(*spread), ca.vertcat(*taken))]
+
+    return followed(step, [z, P, before, u, y, seen, gate, dt], [z, before], corrected)

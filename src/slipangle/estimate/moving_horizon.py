@@ -232,13 +232,15 @@ class MovingHorizon(RecursiveVehicle):
         """What the model says at each of ``z``: the state later, its derivative, outputs, their derivative."""
         window, count = self._window, len(z)
         n, nu = window.n, window.model.n_inputs
-        columns = np.zeros((self.settings.horizon + 1, n + 2 * nu))  # as many as the window has at most
+        whole = self.settings.horizon + 1  # as many as the window has at most
+        look, size = (window.look_once, 1) if count == 1 else (window.look_along, whole)
+        columns = np.zeros((size, n + 2 * nu))
         columns[:, :n], columns[:, n : n + nu], columns[:, n + nu :] = z[0], rows[0].u, rows[0].u
         columns[:count, :n] = z
         for k in range(count):
             ahead = rows[k + 1].before if k + 1 < len(rows) else rows[k].u
             columns[k, n : n + nu], columns[k, n + nu :] = ahead, rows[k].u
-        told = window.look_along(columns[:, :n].T, columns[:, n : n + nu].T, columns[:, n + nu :].T)
+        told = look(columns[:, :n].T, columns[:, n : n + nu].T, columns[:, n + nu :].T)
         later, F, y, H = (np.asarray(m.full()) for m in told)
         F, H = (m.reshape(len(m), len(columns), n).transpose(1, 0, 2) for m in (F, H))
         return later.T[:count], F[:count], y.T[:count], H[:count]

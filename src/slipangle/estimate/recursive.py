@@ -16,6 +16,7 @@ from slipangle.estimate.filter import Scales, filter_step, fitted, parametrised,
 from slipangle.estimate.measurements import Gates, Intake, Late, Row, by_name, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
+from slipangle.models.repeated import as_one
 from slipangle.optimal.terms import require_names
 
 
@@ -80,7 +81,7 @@ class RecursiveVehicle:
         self._gate = self._gates.squares
         arguments = [self._z, self._P, self._before, self._u, self._y, self._seen, self._gate, self._dt]
         results = self._z_new, self._P_new, self._error, self._variance, self._taken
-        self._run = bind(filter_step(settings, self._scales), arguments, *results)
+        self._run = bind(as_one(filter_step(settings, self._scales)), arguments, *results)
         steps = [round(settings.late.get(name, 0.0) / model.dt) for name in model.outputs]
         self._late = Late(tuple(steps))
         self._rows: deque[Row] = deque(maxlen=self._late.deepest + 1)

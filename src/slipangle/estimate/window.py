@@ -9,10 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.derivatives import jacobians
 from slipangle.data.dataset import Dataset
-from slipangle.estimate.filter import Scales, moving
+from slipangle.estimate.filter import Scales, moved, moving, repeated_steps, told
 from slipangle.estimate.measurements import Row
 from slipangle.models.model import Model
+from slipangle.models.repeated import Repeated, as_one, followed
 from slipangle.ops import Vector, concatenate, stack
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import OCP, Reference
@@ -37,7 +39,7 @@ class Window(Model):
     def __init__(self, settings: Any, scales: Scales) -> None:
         # Long: names and sizes of everything that the problem is made of.
         model, biased = settings.start, tuple(settings.bias_std)
-        self.settings, self.model, self.dt = settings, model, float(model.dt)
+        self.settings, self.model, self.dt, self._scales = settings, model, float(model.dt), scales
         self.states = (*model.states, *(f"parameter {n}" for n in settings.free), *(f"bias of {n}" for n in biased))
         wander = [settings.process_std.get(n, 0.0) for n in model.states]
         wander += [settings.walk_std.get(n, 0.0) for n in settings.free]
@@ -59,31 +61,40 @@ class Window(Model):
         self.bounds = {n: (a, b) for n, (a, b) in bounds.items() if np.isfinite([a, b]).any()}
         self.residuals = tuple(f"residual of {n}" for n in model.outputs)
         self.outputs = (*self.residuals, *(f"limited {n}" for n in self.bounds))
-        self._kind, self._step, self._output = moving(model, settings.free, scales)
+        self._kind, self._step, _ = moving(model, settings.free, scales)
+        self._told = told(settings, scales)
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """Not asked for: the estimate before the window is the state at the start."""
         return np.zeros(self.n)
 
-    def _offsets(self, z: Vector) -> list[Any]:
-        biased = tuple(self.settings.bias_std)
-        return [z[self.nx + self.nq + biased.index(n)] if n in biased else 0.0 for n in self.model.outputs]
-
-    def moved(self, z: Vector, inputs: Vector) -> Any:
-        """State one sample later, where nothing wanders."""
-        q = z[self.nx : self.nx + self.nq]
-        return concatenate([self._step(z[: self.nx], q, inputs), 1.0 * z[self.nx :]])
-
-    def told(self, z: Vector, inputs: Vector) -> Any:
-        """Outputs at a sample, with the sensors' offsets."""
-        return self._output(z[: self.nx], z[self.nx : self.nx + self.nq], inputs) + stack(self._offsets(z))
-
     def step(self, x: Vector, u: Vector) -> Vector:
         """See the class."""
+        q, m = x[self.nx : self.nx + self.nq], self.width
+        later = self._step(x[: self.nx], q, u[m : m + self.model.n_inputs])
+        return self._pushed(x, u, concatenate([later, 1.0 * x[self.nx :]]))
+
+    def repeated(self, x: Any, u: Any, *, given: Sequence[Any], by: Sequence[Any]) -> Repeated | None:
+        """The step with one of the model's many explicit ones, see `slipangle.models.repeated.repeated`."""
+        step = repeated_steps(self.settings, self._scales, derivatives=bool(by))
+        if step is None:
+            return None
+        symbol = ca.SX.sym("later", self.n)
+        pushed = ca.vertcat(self._pushed(x, u, symbol))
+        slopes = jacobians([pushed], [*by, symbol]) if by else []
+
+        def then(later: Any, *F: Any) -> list[Any]:
+            pairs = zip(slopes, by, strict=False)
+            made = [s + ca.mtimes(slopes[-1], ca.mtimes(F[0], ca.jacobian(x, b))) for s, b in pairs]
+            return ca.substitute([ca.densify(pushed), *made], [symbol], [later])
+
+        return followed(step, given, [x, u[self.width : self.width + self.model.n_inputs]], then)
+
+    def _pushed(self, x: Vector, u: Vector, later: Any) -> Any:
+        """Where it moves to, from a state on the model."""
         nu, ny, m = self.model.n_inputs, self.model.n_outputs, self.width
         w, given = u[:m], u[m:]
         moves, M = given[2 * nu + 2 * ny], given[2 * nu + 2 * ny + 2 :]
-        later = self.moved(x, given[:nu])
         pushed = [sum((M[i * m + j] * w[j] for j in range(m)), 0.0) for i in range(self.n)]
         return stack([moves * later[i] + (1.0 - moves) * x[i] + pushed[i] for i in range(self.n)])
 
@@ -96,7 +107,7 @@ class Window(Model):
             given[2 * nu + ny : 2 * nu + 2 * ny],
             given[2 * nu + 2 * ny + 1],
         )
-        expected = self.told(x, given[nu : 2 * nu])
+        expected = self._told(x, given[nu : 2 * nu])[0]
         limited = []
         for name, (low, high) in self.bounds.items():
             middle = 0.5 * (low + high) if np.isfinite([low, high]).all() else low if np.isfinite(low) else high
@@ -119,18 +130,22 @@ class Window(Model):
         )
 
     @cached_property
-    def look(self) -> ca.Function:
+    def look(self) -> Repeated | ca.Function:
         """``(z, inputs ahead, inputs now) -> z later, its derivative, outputs, their derivative`` for each sample."""
-        kind, nu = self._kind, self.model.n_inputs
-        z, ahead, now = kind.sym("z", self.n), kind.sym("ahead", nu), kind.sym("now", nu)
-        later, told = self.moved(z, ahead), self.told(z, now)
-        results = [later, ca.jacobian(later, z), told, ca.jacobian(told, z)]
-        return ca.Function("look", [z, ahead, now], [ca.densify(r) for r in results])
+        nu = self.model.n_inputs
+        z, ahead, now = self._kind.sym("z", self.n), self._kind.sym("ahead", nu), self._kind.sym("now", nu)
+        step = moved(self.settings, self._scales)
+        return followed(step, [z, ahead, now], [z, ahead], lambda *r: list(map(ca.densify, [*r, *self._told(z, now)])))
+
+    @cached_property
+    def look_once(self) -> ca.Function:
+        """`look`, to be called."""
+        return as_one(self.look)
 
     @cached_property
     def look_along(self) -> ca.Function:
         """`look` at each sample of a whole window, a column each; derivatives side by side."""
-        return self.look.map(self.horizon + 1)
+        return self.look_once.map(self.horizon + 1)
 
     def start(self, before: tuple[np.ndarray, np.ndarray], rows: Sequence[Row], guess: np.ndarray) -> Start:
         """What the solver starts from.

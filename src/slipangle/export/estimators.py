@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
@@ -20,6 +18,7 @@ from slipangle.export.models import free_run, meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.export.windows import window_solver, window_tables
+from slipangle.models.repeated import Repeated
 from slipangle.optimal.realtime.backend import FLAGS
 
 EXACT = """\
@@ -31,7 +30,7 @@ EXACT = """\
 """  # so that sums are those of Python
 
 
-def filter_source(estimator: EKF, **functions: ca.Function) -> str:
+def filter_source(estimator: EKF, **functions: ca.Function | Repeated) -> str:
     """C of ``filter_begin`` and ``filter_take``, and of other functions by their names in C.
 
     Raises ParameterError if a function is none of scalar operations.
@@ -50,21 +49,23 @@ def filter_source(estimator: EKF, **functions: ca.Function) -> str:
     if looking_back:
         functions["look"] = estimator.window.look
         lines += window_tables(estimator)
-    written = [emit(_plain(f), name) for name, f in functions.items()]
+    written = [_written(f, name) for name, f in functions.items()]
     past, again = map(template, ("window_past.c", "filter_window.c") if looking_back else ("past.c", "filter_late.c"))
     code = template("filter.c").replace("@PAST@", past).replace("@AGAIN@", again)
     return "\n".join([EXACT, "#include <string.h>", preamble("double"), *written, *lines, code])
 
 
-def _plain(function: ca.Function) -> ca.Function:
-    """The function as scalar operations; raises ParameterError if it is none."""
-    plain: Any = scalar_code(function)
+def _written(function: ca.Function | Repeated, name: str) -> str:
+    """C of the function as scalar operations; raises ParameterError if it is none."""
+    if isinstance(function, Repeated):
+        return "\n".join(function.code(name, "double", emit))
+    plain = scalar_code(function)
     if plain is None:
         raise ParameterError(
             "the estimator's model steps by an implicit method, which has no C inside a filter; expected one of "
             'explicit steps: take method="rk4"'
         )
-    return plain
+    return emit(plain, name)
 
 
 def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project:

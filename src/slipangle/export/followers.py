@@ -12,7 +12,7 @@ from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import around, number, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.models import sourced
+from slipangle.export.models import sourced, step_function
 from slipangle.export.project import Project, template
 
 
@@ -112,4 +112,4 @@ def _car(follower: Compensated) -> list[str]:
     ]
     lines += [table("TARGET", [known.index(n) for n in states], "int")]
     given = ["x[CAR_STATES]", "u[MODEL_INPUTS]"]
-    return [*lines, sourced([("static void model_step", model.functions[0], given, "next[CAR_STATES]")])]
+    return [*lines, sourced([("static void model_step", step_function(model), given, "next[CAR_STATES]")])]

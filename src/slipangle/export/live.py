@@ -29,7 +29,7 @@ from slipangle.export.drivers import path_tables
 from slipangle.export.drives import NO_DRIVE
 from slipangle.export.joined import has_parts
 from slipangle.export.loops import path_source
-from slipangle.export.models import sourced
+from slipangle.export.models import sourced, step_function
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template
 from slipangle.models.wrappers.on_ground import POSE
@@ -246,11 +246,11 @@ class Live:
 
     def _of_model(self) -> list[Any]:
         """Step and correction of the controller's model."""
-        step, _, correct = self.mpc.model.functions
+        correct = self.mpc.model.functions[2]
         x, u, y = f"x[{self.mpc.model.n_states}]", f"u[{self.mpc.model.n_inputs}]", f"y[{self.mpc.model.n_outputs}]"
         result = x.replace("x", "next")
         return [
-            ("static void model_step", step, [x, u], result),
+            ("static void model_step", step_function(self.mpc.model), [x, u], result),
             ("static void model_correct", correct, [x, u, y], result),
         ]
 

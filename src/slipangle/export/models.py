@@ -8,16 +8,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.expression import emit, preamble, scalar_code
+from slipangle.codegen.expression import MOST_INSTRUCTIONS, emit, preamble, scalar_code
 from slipangle.data.channels import STANDARD
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, template
 from slipangle.models.model import Model
+from slipangle.models.repeated import Repeated, repeated
 from slipangle.units import SI
 
-MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C with loops
 PARTS = ("step", "output", "correct")
 _QUIET = """\
 #if defined __GNUC__ || defined __clang__
@@ -39,18 +39,27 @@ def model_source(model: Model) -> str:
         Any model: what is written out operation by operation, else CasADi's own code with its loops and solvers.
     """
     given = (("x", "u"), ("x", "u"), ("x", "u", "y"))
-    listed = zip(PARTS, model.functions, given, ("next", "y", "corrected"), strict=True)
+    functions = (step_function(model), *model.functions[1:])
+    listed = zip(PARTS, functions, given, ("next", "y", "corrected"), strict=True)
     return sourced(
         [(f"void car_{n}", f, [f"{a}[{_SIZES[a]}]" for a in g], f"{r}[{_SIZES[r]}]") for n, f, g, r in listed]
     )
 
 
-def sourced(functions: Sequence[tuple[str, ca.Function, Sequence[str], str]]) -> str:
+def step_function(model: Model) -> ca.Function | Repeated:
+    """The model's step, of whose many explicit steps one is repeated where that is shorter."""
+    step = model.functions[0]
+    x, u = ca.SX.sym("x", model.n_states), ca.SX.sym("u", model.n_inputs)
+    steps = repeated(model, x, u, given=[x, u]) if step.is_a("SXFunction") else None
+    return steps if steps is not None and steps.shorter(scalar_code(step)) else step
+
+
+def sourced(functions: Sequence[tuple[str, ca.Function | Repeated, Sequence[str], str]]) -> str:
     """C of CasADi functions, with its preamble.
 
     Parameters
     ----------
-    functions : sequence of (str, Function, sequence of str, str)
+    functions : sequence of (str, Function or Repeated, sequence of str, str)
         Each with its type and name, ``void car_step``, and its arguments and its result with their sizes, ``x[4]``;
         the result's memory is zero where the function has structural zeros.
     """
@@ -58,8 +67,11 @@ def sourced(functions: Sequence[tuple[str, ca.Function, Sequence[str], str]]) ->
     for declared, function, arguments, result in functions:
         name = declared.rpartition(" ")[2].rpartition("_")[2].title()
         names = [word.partition("[")[0] for word in (*arguments, result)]
-        plain = scalar_code(function)
-        if plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS:
+        plain = None if isinstance(function, Repeated) else scalar_code(function)
+        if isinstance(function, Repeated):
+            code += function.code(f"plain{name}", "double", emit)
+            call = f"    plain{name}({', '.join(names)});"
+        elif plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS:
             code.append(emit(plain, f"plain{name}"))
             call = f"    plain{name}({', '.join(names)});"
         else:

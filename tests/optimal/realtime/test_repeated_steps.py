@@ -16,7 +16,6 @@ from slipangle.models.wrappers.lagging import Lagging
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.numerics.integrate import Method
 from slipangle.optimal.realtime import parts, program
-from slipangle.optimal.realtime.repeated import repeated
 from slipangle.optimal.scenarios import Scenarios
 
 
@@ -84,7 +83,7 @@ def call_steps(monkeypatch):
 
 def write_out(monkeypatch):
     """Whatever there is to repeat."""
-    monkeypatch.setattr(program, "repeated", lambda ocp: None)
+    monkeypatch.setattr(program, "repeated_steps", lambda ocp: None)
 
 
 def problem(made=swing, **changed):
@@ -117,7 +116,7 @@ def test_steps_and_derivatives_are_those_written_out(monkeypatch, made, changed)
     ocp = problem(made, **changed)
     given = SWING if made is swing else [moving(sa.MPC(**made(**changed))), np.array([0.06]), np.array([18.0])]
     call_steps(monkeypatch)
-    called = parts.dynamics_function(ocp, repeated(ocp))
+    called = parts.dynamics_function(ocp, parts.repeated_steps(ocp))
     assert not called.is_a("SXFunction")
     for one, other in zip(by_casadi(ocp, given), called(*given), strict=True):
         assert np.array(ca.DM(other)) == pytest.approx(one, rel=1e-11, abs=1e-13)
@@ -140,15 +139,15 @@ def test_steps_of_a_linear_model_are_one_by_another_matrix():
         substeps=10,
     )
     ocp = sa.MPC(chain, horizon=5, controls=("force",), Q=sa.Weights(place_0=1.0), limits=sa.Limits(force=1.0)).ocp
-    assert repeated(ocp) is not None
-    assert "void short_step(" not in program.source(ocp)
-    assert "void short_step(" in program.source(problem(car))
+    assert parts.repeated_steps(ocp) is not None
+    assert "void explicit_dynamics_step(" not in program.source(ocp)
+    assert "void explicit_dynamics_step(" in program.source(problem(car))
 
 
 @pytest.mark.parametrize("made", [swing, car])
 def test_one_step_is_written_out(made):
-    assert repeated(problem(made, substeps=1)) is None
-    two = repeated(problem(made, substeps=2))
+    assert parts.repeated_steps(problem(made, substeps=1)) is None
+    two = parts.repeated_steps(problem(made, substeps=2))
     assert two is not None
     assert two.times == 2
 
@@ -223,7 +222,7 @@ def test_a_step_as_long_as_a_lag_forgets_where_it_began(monkeypatch):
     start, solver = np.array([3.0, -2.0, 0.5]), sa.RealTime(iterations=1)
     call_steps(monkeypatch)
     repeats = sa.MPC(lagged, **settings, solver=solver)
-    assert "void short_step(" in program.source(repeats.ocp)
+    assert "void explicit_dynamics_step(" in program.source(repeats.ocp)
     plans = [repeats.plan(start, c=0.2)]
     plans.append(repeats.plan(start + 0.3, previous=plans[0], c=0.4))
     monkeypatch.undo()

@@ -56,7 +56,7 @@ def test_code_of_casadi_gives_the_same(monkeypatch):
     mpc = replace(problem(ALL_MODELS["bicycle"], np.random.default_rng(0), 6), steps=STEPS, solver=CONVERGED)
     straight = [mpc.plan(*situation(mpc, seed)[:2]) for seed in range(3)]
     monkeypatch.setattr(program, "MOST_INSTRUCTIONS", 0)
-    monkeypatch.setattr(program, "repeated", lambda ocp: None)
+    monkeypatch.setattr(program, "repeated_steps", lambda ocp: None)
     called = replace(mpc)
     assert "#define DYNAMICS CALLED" in source(called.ocp)
     for seed, expected in enumerate(straight):

@@ -26,9 +26,9 @@ from slipangle.optimal.realtime.parts import (
     input_scale,
     jump_function,
     limit_rows,
+    repeated_steps,
     stage_function,
 )
-from slipangle.optimal.realtime.repeated import repeated
 from slipangle.optimal.solution import (
     ANEW,
     FEASIBLE,
@@ -121,7 +121,7 @@ class Functions(NamedTuple):
     def of(cls, ocp: OCP) -> Functions:
         """Build them."""
         parts, steps, stages = implicit(ocp), int(ocp.nodes[-1]), ocp.horizon + 1
-        one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp, repeated(ocp)))
+        one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp, repeated_steps(ocp)))
         stage = dense(stage_function(ocp))
         limited = len(ocp.limited) or len(ocp.rated) or ocp.jumps
         node, values = (
@@ -482,7 +482,7 @@ class WorkArea(Engine):
 
     @cached_property
     def _model(self) -> Any:
-        return dense(dynamics_function(self.ocp, repeated(self.ocp)))
+        return dense(dynamics_function(self.ocp, repeated_steps(self.ocp)))
 
     def _condense(self, m: Linear, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
         """Hessian, gradient, and rows of the errors and of the limited quantities by the scaled inputs."""

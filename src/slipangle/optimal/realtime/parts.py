@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from graphlib import TopologicalSorter
 from typing import Any
 
@@ -11,14 +12,12 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.derivatives import jacobians
-from slipangle.codegen.expression import scalars
+from slipangle.codegen.expression import MOST_INSTRUCTIONS, scalars
 from slipangle.models.ode import OdeModel
+from slipangle.models.repeated import Repeated, repeated
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.ops import is_symbolic
 from slipangle.optimal.ocp import OCP
-from slipangle.optimal.realtime.repeated import Repeated
-
-MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,13 +115,25 @@ def stage_function(ocp: OCP) -> ca.Function:
     return ca.Function("stage", [x, u, w, p], [error, limited, *jacobians([error, limited], [x, u])])
 
 
+def repeated_steps(ocp: OCP, *, derivatives: bool = True) -> Repeated | None:
+    """The problem's steps ``(x, u, w) -> next`` and its derivatives by x and u, one to be taken again and again.
+
+    None where there is nothing to repeat, see `slipangle.models.repeated.repeated`, or there are several models.
+    """
+    if type(ocp).dynamics is not OCP.dynamics or scalars(ocp.dynamics) is None:
+        return None
+    x, u, w, full, _ = ocp.symbols(ca.SX)
+    own: Any = getattr(ocp.model, "repeated", None) or partial(repeated, ocp.model)
+    return own(x, full, given=[x, u, w], by=[x, u] if derivatives else [])
+
+
 def dynamics_function(ocp: OCP, steps: Repeated | None) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none.
 
-    The steps are those of `repeated`, which are called one after the other where the code would be too long.
+    The steps are those of `repeated_steps`, which are called one after the other where the code would be too long.
     """
     if steps is not None and steps.apart > MOST_INSTRUCTIONS:
-        return steps.whole()
+        return steps.whole("dynamics")
     base = scalars(ocp.dynamics)
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)

@@ -10,24 +10,23 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.elimination import elimination_code, increments_code, increments_pattern, nonzeros
-from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
+from slipangle.codegen.expression import MOST_INSTRUCTIONS, emit, fewer_divisions, only, preamble, scalar_code
 from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.curvature import curvature_function
 from slipangle.optimal.realtime.parts import (
-    MOST_INSTRUCTIONS,
     Implicit,
     dynamics_function,
     implicit,
     input_scale,
     jump_function,
     limit_rows,
+    repeated_steps,
     stage_function,
 )
 from slipangle.optimal.realtime.products import chained, follow_on
-from slipangle.optimal.realtime.repeated import repeated
 
 LONG = 250_000  # characters of one straight-line function; beyond, it is compiled with less effort
 FIELDS = (  # of the C struct, as seen from Python
@@ -35,7 +34,6 @@ FIELDS = (  # of the C struct, as seen from Python
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations by_stages anew".split()
-MOST_MORE = 1.05  # instructions of steps that are repeated over those of all written out, which linear ones make few
 _GCC = """\
 #if defined __GNUC__ && !defined __clang__
 #pragma GCC optimize("{effort}")
@@ -65,12 +63,13 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         kinds, pattern = ["RADAU"], _step_pattern(parts, ocp.model.n_states)
         code += _implicit_code(parts)
     else:
-        steps = repeated(ocp)
+        steps = repeated_steps(ocp)
         dynamics = dynamics_function(ocp, steps)
         plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
-        if steps is not None and (plain is None or steps.n_instructions <= MOST_MORE * plain.n_instructions()):
+        if steps is not None and steps.shorter(plain):
             kinds, pattern = ["EXPLICIT"], steps.end.sparsity_out(1)
-            code += steps.code(_columns)
+            values: Any = repeated_steps(ocp, derivatives=False)
+            code += steps.code("explicit_dynamics", "V", _columns) + values.code("explicit_values", "V", _columns)
         else:
             short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
             kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
