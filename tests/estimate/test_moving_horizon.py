@@ -26,6 +26,8 @@ from slipangle.simulate.sensors import Sensor, Sensors
 from tests.estimate.test_ekf import Spring, SpringParams
 from tests.estimate.test_observer import BICYCLE, LATE, NOISE, driven, model_named, oracle, settings_of
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler")
+
 
 def looking_back(settings, **more):
     """A moving horizon estimator with the settings of a filter."""
