@@ -289,6 +289,23 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/car/rack.py",
+        "identify/car/test_rack.py",
+        [
+            ("a rack that turns less", "at + angle * (1.0 + more)", "at + angle * (1.0 - more)"),
+            ("a rack is bent from straight ahead on", "[0.0, *_NODES], [0.0, *shares]", "_NODES, shares"),
+            ("a rack without a gain of its own", '(*final.free, "steering_gain")', "(*final.free,)"),
+        ],
+    ),
+    *mistakes(
+        "data/quality/plausible.py",
+        "data/quality/test_plausible.py",
+        [
+            ("a coarse channel is stuck", "_COARSE * finest if usual < _COARSE * finest else 0.0", "0.0"),
+            ("swapped channels by their size alone", "abs(slope) / 0.5) < 1", "1.0) < 1"),
+        ],
+    ),
+    *mistakes(
         "identify/car/late.py",
         "identify/car/test_braking.py::test_how_late_a_speed_is_logged_is_told",
         [("late: sign of an input's lateness", "for seconds in (h, -h)", "for seconds in (-h, h)")],

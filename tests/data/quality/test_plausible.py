@@ -139,6 +139,25 @@ def test_a_speed_in_whole_km_h_is_not_stuck_but_one_that_goes_on_with_a_leap_is(
     assert "v_x is stuck at one value" in doubts(data.with_channel("v_x", held, "m/s"), wheelbase=LENGTH)[0]
 
 
+@pytest.mark.parametrize("step", [0.01, 0.05])
+def test_a_coarse_yaw_rate_is_not_stuck_but_one_that_goes_on_with_a_leap_is(step):
+    """As of a bus: it stays at one value for long while a car steers little, and goes on with the next one."""
+    data = clean()
+    coarse = data.with_channel("r", step * np.round(data["r"] / step), "rad/s")
+    assert doubts(coarse, wheelbase=LENGTH) == ()
+    assert any(
+        "r is stuck" in s for s in doubts(changed("r", lambda r: stuck(step * np.round(r / step))), wheelbase=LENGTH)
+    )
+
+
+def test_swapped_channels_are_named_where_v_y_moves_against_the_turn_too():
+    """As of a car whose rear axle slips much: v_y then is small beside v_x r, and of the other sign."""
+    data = clean()
+    turn = data["v_x"] * data["r"]
+    small = data.with_channel("a_y", -0.1 * turn, "m/s2").with_channel("v_y", turn, "m/s")
+    assert ["swapped" in s for s in doubts(small, wheelbase=LENGTH)] == [True]
+
+
 def test_a_stuck_sensor_makes_up_no_other_mistake():
     """Most of one drive's yaw rate at one value: what is left agrees with the steering."""
     data = clean()

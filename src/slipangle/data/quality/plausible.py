@@ -28,6 +28,7 @@ _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offs
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _STUCK, _LATE = 1.0, 0.15  # s
 _DEAD = 10.0  # s at the end of a drive, for which a speed is not the same by chance
+_COARSE = 1.5  # steps of a resolution, fewer than which are one
 _LEAP = 3.0  # usual steps of a speed, with more of which it goes on after it was stuck
 _SIDEWAYS = 15.0  # m/s2 of v_x r, from which r is not in rad/s
 _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
@@ -134,7 +135,7 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
             return ["v_y moves as a_y should, as v_x r does: it is a lateral acceleration, name it a_y"], False
         return [], False
     slope, agree = _slope(turn, smooth["a_y"])
-    if like_a_y and abs(agree) < 0.7:
+    if like_a_y and agree < 0.7 and min(abs(agree) / 0.7, abs(slope) / 0.5) < 1:
         return ["v_y moves as a_y should, as v_x r does, and a_y does not: v_y and a_y are swapped"], False
     if agree < -0.7:
         return ["a_y moves against v_x r: r or a_y has the wrong sign; expected axes of ISO 8855, y left"], False
@@ -321,16 +322,16 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
     swings = 1.5 * np.std(data["r"] / np.maximum(data["v_x"], fastest))
     held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0]
     found |= {"delta": held} if held else {}
-    steps = np.abs(np.diff(data["v_x"]))
-    leap = _LEAP * float(np.median(steps[steps > 0])) if steps.any() else 0.0
     for name in ("r", "v_y", "a_y", "v_x"):
         if name not in data or np.ptp(data[name]) == 0:
             continue
+        leap, driven = _leap(data[name], name), experiments if name == "v_x" else set()  # at one speed
         rows = [
             (a, b)
             for a, b in resting(data, name)
             if (b - a - 1) * data.dt > _STUCK
-            and not (name == "v_x" and ((a, b) in experiments or not _leaps(data, a, b, leap)))  # driven at one speed
+            and (a, b) not in driven
+            and _leaps(data, name, a, b, leap)
             and np.ptp(data["delta"][a:b]) > steers
             and np.max(data["v_x"][a:b]) > fastest
         ]
@@ -338,11 +339,24 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
     return found
 
 
-def _leaps(data: Dataset, a: int, b: int, leap: float) -> bool:
-    """Whether the speed goes on, after rows at one value, with more than a step of its resolution, or never does."""
+def _leap(x: np.ndarray, name: str) -> float:
+    """How far a sensor goes on at least after it was stuck, as the steps of its resolution are passed without; 0: any.
+
+    Of a speed, which moves slowly, it is more than usual; of another channel, more than the one step of a coarse one.
+    """
+    steps = np.abs(np.diff(x))
+    steps = steps[steps > 0]
+    usual, finest = float(np.median(steps)), float(np.quantile(steps, 0.01))
+    if name == "v_x":
+        return _LEAP * usual
+    return _COARSE * finest if usual < _COARSE * finest else 0.0
+
+
+def _leaps(data: Dataset, name: str, a: int, b: int, leap: float) -> bool:
+    """Whether a channel goes on, after rows at one value, with more than a step of its resolution, or never does."""
     if b in data.stops:
-        return (b - a) * data.dt > _DEAD
-    return float(np.abs(data["v_x"][b] - data["v_x"][b - 1])) > leap
+        return leap == 0.0 or (b - a) * data.dt > _DEAD
+    return float(np.abs(data[name][b] - data[name][b - 1])) > leap
 
 
 def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:

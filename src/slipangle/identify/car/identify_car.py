@@ -27,6 +27,7 @@ from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told, turned_away
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
+from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
@@ -35,6 +36,7 @@ from slipangle.identify.car.structures import (
     AIDS_LATE,
     STIFF,
     Fitted,
+    Others,
     Stage,
     change,
     corrected,
@@ -188,13 +190,13 @@ class WholeCar(Checked):
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(linear(whole.train), tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
-            others, behind = with_lateness(final, others_as_good(final, dropped, whole.all), whole.all)
+            others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, stretches(logged, self.wheelbase).all)
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
-        left, told = [*behind, *sentences.left_out(whole)], sentences.sensors(final, spread, self.steering_gain)
+        left, told = [*mended, *sentences.left_out(whole)], sentences.sensors(final, spread, self.steering_gain)
         wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits, used))
         changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
@@ -354,7 +356,14 @@ def _climb(
     return best, stages, [*dropped, *replaced]
 
 
-def _limits(final: Fitted, others: list[tuple[Fitted, float]]) -> tuple[np.ndarray, np.ndarray, str]:
+def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Others, list[str]]:
+    """Structures as good, those of a log that is mended with them, and what is to be mended."""
+    others, late = with_lateness(final, others_as_good(final, dropped, data), data)
+    others, bent = with_rack(final, others, dropped, data)
+    return others, [*late, *bent]
+
+
+def _limits(final: Fitted, others: Others) -> tuple[np.ndarray, np.ndarray, str]:
     """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
     spread, limits, how = hull(final.names, final, others)
     stiff = _FLOOR if "v_y" in final.model.outputs else _FLOOR_ALONE

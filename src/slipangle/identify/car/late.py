@@ -7,7 +7,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car.corrections import LOADS, SPEED
 from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, settling, worth
-from slipangle.identify.car.uncertainty import few
+from slipangle.identify.car.uncertainty import left_over
 
 _SURE = 3.92  # standard deviations from none at which a sensor is late, as effects count whole there
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
@@ -44,7 +44,8 @@ def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted
         return None
     seconds, found = 0.0, final
     for _ in range(_SEARCHES):
-        more, std = _lateness(found, name)
+        change_of = _of_the_output if name in final.model.outputs else _of_the_input
+        more, std = (float(v[0]) for v in left_over(found, change_of(found, name)[:, :, None]))
         seconds += more
         if not max(_SURE * std, _LEAST) < abs(seconds) < _MOST:
             return None
@@ -54,29 +55,6 @@ def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted
     shifted = ((f, earlier(data, s, abs(seconds), name)) for f, s in ((final, 0.0), (found, seconds)))
     moved, scatter = change(*(errors(f, d) for f, d in shifted))
     return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None
-
-
-def _lateness(fitted: Fitted, name: str) -> tuple[float, float]:
-    """How late a channel is by what it leaves of the errors, as all else is free to move with it, and its error. [s]
-
-    What a late channel adds to the errors is what its being earlier changes, to first order: of an output, its rate as
-    the model has it. The error is a standard one, of a jackknife over stretches.
-    """
-    change = _of_the_output(fitted, name) if name in fitted.model.outputs else _of_the_input(fitted, name)
-    table = np.concatenate([fitted.jacobian, change[:, :, None], fitted.error[:, :, None]], axis=2)
-    count = len(np.unique(fitted.stretch))
-    pull = np.zeros((fitted.pull.shape[1] + 2,) * 2)
-    pull[:-2, :-2] = fitted.pull.T @ fitted.pull
-    each = np.array([np.einsum("iaj,iak->jk", t, t) for t in (table[fitted.stretch == k] for k in range(count))])
-
-    def of(squares: np.ndarray) -> float:
-        size = np.sqrt(np.maximum(np.diag(squares), 1e-300))
-        even = squares / np.outer(size, size)
-        return -float(np.linalg.lstsq(even[:-1, :-1], even[:-1, -1], rcond=1e-12)[0][-1] * size[-1] / size[-2])
-
-    whole = each.sum(axis=0) + pull
-    others = np.array([of(whole - one) for one in each])
-    return of(whole), few(count) * float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
 
 
 def _of_the_output(fitted: Fitted, name: str) -> np.ndarray:

@@ -1,0 +1,82 @@
+"""Whether the steering's ratio changes with its angle, as that of many racks does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.identify.car.corrections import Correction
+from slipangle.identify.car.effects import others_as_good
+from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, worth
+from slipangle.identify.car.uncertainty import left_over
+
+_SURE = 3.92  # standard deviations from none at which a ratio changes, as effects count whole there
+_LEAST, _MOST = 0.05, 0.6  # share by which the wheels turn more than straight ahead, less than which no one minds
+_NODES = np.array([1.0, 2.0, 3.0]) / 3.0  # of the largest angle used, between which that share is linear
+_TOP = 0.999  # quantile of the steering that was used, beyond which are few samples
+_STEP = 0.02  # of a share, over which errors change in proportion
+_SEARCHES = 3  # refits, each from where the last one says
+
+
+def with_rack(final: Fitted, others: Others, dropped: list[Correction], data: Dataset) -> tuple[Others, list[str]]:
+    """Structures as good as a final fit, with them those of a ratio that changes if it does, and a sentence.
+
+    ``dropped`` are corrections that did not help.
+    """
+    found = changing(final, data)
+    if found is None:
+        return others, []
+    shares, straight = found
+    most = int(np.argmax(np.abs(shares)))
+    at = float(np.rad2deg(_NODES[most] * _largest(final, data)))
+    said = (
+        f"the steering turns the wheels {100 * abs(shares[most]):.2g} % {'more' if shares[most] > 0 else 'less'} at "
+        f"{at:.2g} deg of delta than in proportion to what it does straight ahead, as a rack whose ratio changes does: "
+        "give delta at the road wheels, by the rack's table; the intervals of C_f, C_r and inertia_z hold for either"
+    )
+    with_it = others_as_good(straight, dropped, turned(final, data, shares))
+    return [*others, (straight, 1.0), *with_it], [said]
+
+
+def changing(final: Fitted, data: Dataset) -> tuple[np.ndarray, Fitted] | None:
+    """By what shares the wheels turn more at `_NODES`, and the fit to such steering; None if they do not.
+
+    Asked where v_y or a_y is fitted: tires that are told by the yaw rate alone bend as such a rack does.
+    """
+    if not {"v_y", "a_y"} & {*final.model.outputs}:
+        return None
+    shares, found = np.zeros(len(_NODES)), final
+    free = tuple(dict.fromkeys(n for n in (*final.free, "steering_gain") if n not in final.own))
+    for _ in range(_SEARCHES):
+        more, std = left_over(found, _of_the_shares(found, final, data, shares))
+        shares = shares + more
+        sure, size = bool((np.abs(shares) > _SURE * std).any()), float(np.abs(shares).max())
+        if not (sure and _LEAST < size < _MOST):
+            return None
+        found = fit(found.model, free, turned(final, data, shares), final, own=final.own)
+        if (np.abs(more) < std).all():
+            break
+    moved, scatter = change(errors(final, data), errors(found, turned(final, data, shares)))
+    return (shares, found) if worth(final, found, 1 + len(_NODES)) > 0 and moved < -2.0 * scatter else None
+
+
+def turned(final: Fitted, data: Dataset, shares: np.ndarray) -> Dataset:
+    """The log with the steering that a rack of constant ratio, that straight ahead, would have had."""
+    at, top = final.model.value("steering_offset"), _largest(final, data)
+    angle = data["delta"] - at
+    more = np.interp(np.abs(angle) / top, [0.0, *_NODES], [0.0, *shares])
+    return data.with_channel("delta", at + angle * (1.0 + more), data.unit("delta"))
+
+
+def _largest(final: Fitted, data: Dataset) -> float:
+    return float(np.quantile(np.abs(data["delta"] - final.model.value("steering_offset")), _TOP))
+
+
+def _of_the_shares(found: Fitted, final: Fitted, data: Dataset, shares: np.ndarray) -> np.ndarray:
+    """Change of the errors with each share, shape (n, n_outputs, n_shares)."""
+    by = []
+    for step in _STEP * np.eye(len(shares)):
+        runs = (free_runs(found, turned(final, data, shares + s)) for s in (step, -step))
+        more, less = (np.concatenate([run for run, _ in parts]) for parts in runs)
+        by.append((more - less) / (2 * _STEP * found.problem.sigma))
+    return np.stack(by, axis=2)
