@@ -69,7 +69,7 @@ def turned(final: Fitted, data: Dataset, shares: np.ndarray) -> Dataset:
 
 
 def _largest(final: Fitted, data: Dataset) -> float:
-    return float(np.quantile(np.abs(data["delta"] - final.model.value("steering_offset")), _TOP))
+    return max(float(np.quantile(np.abs(data["delta"] - final.model.value("steering_offset")), _TOP)), 1e-9)
 
 
 def _of_the_shares(found: Fitted, final: Fitted, data: Dataset, shares: np.ndarray) -> np.ndarray:
