@@ -7,7 +7,8 @@ steering late and lagged, pose; 20 explicit steps a sample, 20 stages). The expo
 around its call, beside what the solver that Python drives says of itself, at the same states of the drive that the
 export recorded, in turn. Compiling is processor time of the compiler alone, the least of all rounds, with the flags in
 use and with -O2 in turn, and what the plans of both take; loading is wall time from the folder that `slipangle build`
-wrote to the first plan, checks of the library included, in a process that has the package loaded.
+wrote to the first plan, checks of the library included, in a process that has the package loaded. The last rows are an
+extended Kalman filter of that car, with its pose.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -32,6 +34,7 @@ from benchmarks.bench_mpc import CAR
 
 from slipangle.codegen import compiler
 from slipangle.control.mpc import MPC
+from slipangle.estimate.ekf import EKF
 from slipangle.export import build, load
 from slipangle.export.built_controller import BuiltController
 from slipangle.models.custom import Ode
@@ -53,6 +56,7 @@ from slipangle.reproduce import Progress, Reproduction
 ROUNDS, PLANS = 3, 400
 STATES, STATE_ROUNDS = 200, 12
 BOUNDS = {"front drive, 8 states": 4.0, "dual track, 12 states": 8.0, "identified car": 8.0}  # s
+BOUNDS["filter of the identified car"] = 6.0
 SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # front or rear, left or right
 
 
@@ -141,6 +145,7 @@ def bench(progress: Progress) -> Reproduction:
             progress(k / len(CARS), name)
             found += _of(name, made())
         found += exported("front drive, 8 states", front_drive())
+        found += filtered("filter of the identified car", identified().model)
     return Reproduction(
         title="Compiling controllers, and loading what was built",
         records=tuple(found),
@@ -220,6 +225,28 @@ def exported(name: str, mpc: MPC) -> list[Record]:
     ratio, p99 = np.median(outside) / np.median(inside), [1e6 * np.percentile(t, 99) for t in (outside, inside)]
     note = f"{1e6 * np.median(outside):.1f} and {1e6 * np.median(inside):.1f} us, p99 {p99[0]:.0f} and {p99[1]:.0f} us"
     return [Record.judged(name, "exported plan over that in Python's process", None, ratio, at_most=1.05, note=note)]
+
+
+def filtered(name: str, model: Any) -> list[Record]:
+    """An `EKF` of a model as C: its size, how long it takes to be compiled, and a sample in Python."""
+    noise = dict.fromkeys(model.outputs, 0.01)
+    settings = EKF(start=model, noise_std=noise, process_std={"v_y": 0.1, "r": 0.05})
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = settings.export(Path(scratch) / "made", name="car", drive=3)
+        size = (folder / "car.c").stat().st_size
+        call = [*(compiler.compiler() or ()), "-O2", "-march=native", "-c", "car.c", "-o", "car.o"]
+        spent = min(_processor(lambda: subprocess.run(call, cwd=folder, check=True)) for _ in range(ROUNDS))
+    tracker, took = settings.start_at(np.array(model.straight(15.0))), []
+    y, u = np.zeros(model.n_outputs), np.array([15.0 if n == "v_x" else 0.0 for n in model.inputs])
+    for _ in range(STATES):
+        begin = time.perf_counter()
+        tracker.update(y, u)
+        took.append(time.perf_counter() - begin)
+    return [
+        Record.judged(name, "C [kB]", None, size / 1e3, at_most=600.0),
+        Record.judged(name, "compiling with -O2 [s]", None, spent, at_most=BOUNDS[name]),
+        Record.judged(name, "a sample in Python, least [us]", None, 1e6 * min(took)),
+    ]
 
 
 @contextmanager
