@@ -10,12 +10,14 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.derivatives import jacobians
-from slipangle.codegen.expression import MOST_INSTRUCTIONS, scalar_code
+from slipangle.codegen.expression import scalar_code
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.ode import OdeModel, Parametrised
 from slipangle.models.repeated import Repeated, S, followed, repeated
 from slipangle.numerics.integrate import discretise
+
+_ASKED = 5_000  # instructions of all steps, beyond which it takes too long to ask whether written out they are fewer
 
 
 def parametrised(model: Model) -> Any:
@@ -123,7 +125,7 @@ def repeated_steps(settings: Any, scales: Scales, *, derivatives: bool = True) -
 def moved(settings: Any, scales: Scales) -> Repeated | ca.Function:
     """``(z, u) -> z later`` and its derivative by z; z as that of `filter_step`."""
     steps = repeated_steps(settings, scales)
-    if steps is not None and steps.apart > MOST_INSTRUCTIONS:
+    if steps is not None and steps.apart > _ASKED:
         return steps
     kind, step, _ = moving(settings.start, settings.free, scales)
     x, q, u = given = _symbols(settings, kind)
@@ -178,7 +180,7 @@ def filter_step(settings: Any, scales: Scales) -> Repeated | ca.Function:
     nx, nu, ny = model.n_states, model.n_inputs, model.n_outputs
     n = nx + nq + len(settings.bias_std)
     step, look = moved(settings, scales), told(settings, scales)
-    kind: Any = ca.SX if isinstance(step, Repeated) or step.is_a("SXFunction") else ca.MX
+    kind, _, _ = moving(model, settings.free, scales)
     sizes = {"before": nu, "u": nu, "y": ny, "seen": ny, "gate": ny, "dt": 1}
     z, P = kind.sym("z", n), kind.sym("P", n, n)
     before, u, y, seen, gate, dt = (kind.sym(name, size) for name, size in sizes.items())

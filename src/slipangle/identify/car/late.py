@@ -6,12 +6,10 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car.corrections import LOADS, SPEED
-from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, settling, worth
-from slipangle.identify.car.uncertainty import left_over
+from slipangle.identify.car.left_over import searched
+from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, settling, worth
 
-_SURE = 3.92  # standard deviations from none at which a sensor is late, as effects count whole there
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
-_SEARCHES = 3  # refits, each from where the last one says
 
 
 def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
@@ -42,16 +40,17 @@ def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted
     """
     if not ({*LOADS} <= {*final.free} if name == "v_x" else name in final.model.outputs):
         return None
-    seconds, found = 0.0, final
-    for _ in range(_SEARCHES):
-        change_of = _of_the_output if name in final.model.outputs else _of_the_input
-        more, std = (float(v[0]) for v in left_over(found, change_of(found, name)[:, :, None]))
-        seconds += more
-        if not max(_SURE * std, _LEAST) < abs(seconds) < _MOST:
-            return None
-        found = fit(final.model, final.free, earlier(data, seconds, name=name), final, own=final.own)
-        if abs(more) < std:
-            break
+    change_of = _of_the_output if name in final.model.outputs else _of_the_input
+    searching = searched(
+        final,
+        final.free,
+        lambda fitted, _: change_of(fitted, name)[:, :, None],
+        lambda seconds: earlier(data, float(seconds[0]), name=name),
+        (_LEAST, _MOST),
+    )
+    if searching is None:
+        return None
+    seconds, found = float(searching[0][0]), searching[1]
     shifted = ((f, earlier(data, s, abs(seconds), name)) for f, s in ((final, 0.0), (found, seconds)))
     moved, scatter = change(*(errors(f, d) for f, d in shifted))
     return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None

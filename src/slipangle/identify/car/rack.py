@@ -7,15 +7,13 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import Correction
 from slipangle.identify.car.effects import others_as_good
-from slipangle.identify.car.structures import Fitted, Others, change, errors, fit, free_runs, worth
-from slipangle.identify.car.uncertainty import left_over
+from slipangle.identify.car.left_over import searched
+from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, worth
 
-_SURE = 3.92  # standard deviations from none at which a ratio changes, as effects count whole there
 _LEAST, _MOST = 0.05, 0.6  # share by which the wheels turn more than straight ahead, less than which no one minds
 _NODES = np.array([1.0, 2.0, 3.0]) / 3.0  # of the largest angle used, between which that share is linear
 _TOP = 0.999  # quantile of the steering that was used, beyond which are few samples
 _STEP = 0.02  # of a share, over which errors change in proportion
-_SEARCHES = 3  # refits, each from where the last one says
 
 
 def with_rack(final: Fitted, others: Others, dropped: list[Correction], data: Dataset) -> tuple[Others, list[str]]:
@@ -45,17 +43,18 @@ def changing(final: Fitted, data: Dataset) -> tuple[np.ndarray, Fitted] | None:
     """
     if not {"v_y", "a_y"} & {*final.model.outputs}:
         return None
-    shares, found = np.zeros(len(_NODES)), final
     free = tuple(dict.fromkeys(n for n in (*final.free, "steering_gain") if n not in final.own))
-    for _ in range(_SEARCHES):
-        more, std = left_over(found, _of_the_shares(found, final, data, shares))
-        shares = shares + more
-        sure, size = bool((np.abs(shares) > _SURE * std).any()), float(np.abs(shares).max())
-        if not (sure and _LEAST < size < _MOST):
-            return None
-        found = fit(found.model, free, turned(final, data, shares), final, own=final.own)
-        if (np.abs(more) < std).all():
-            break
+    searching = searched(
+        final,
+        free,
+        lambda fitted, shares: _of_the_shares(fitted, final, data, shares),
+        lambda shares: turned(final, data, shares),
+        (_LEAST, _MOST),
+        count=len(_NODES),
+    )
+    if searching is None:
+        return None
+    shares, found = searching
     moved, scatter = change(errors(final, data), errors(found, turned(final, data, shares)))
     return (shares, found) if worth(final, found, 1 + len(_NODES)) > 0 and moved < -2.0 * scatter else None
 

@@ -53,30 +53,6 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     return scaled * np.outer(scale, scale), f"{how} or jackknife over {count} stretches, the larger"
 
 
-def left_over(fitted: Fitted, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How much of k things not fitted the errors hold, as all that was fitted is free to move with them; their errors.
-
-    ``change``, shape (n, n_outputs, k), is what a unit of each changes errors by: to first order, from where the fit
-    ended. Both results have shape (k,); the errors are standard ones, of a jackknife over stretches.
-    """
-    table = np.concatenate([fitted.jacobian, change, fitted.error[:, :, None]], axis=2)
-    count, k = len(np.unique(fitted.stretch)), change.shape[2]
-    pull = np.zeros((fitted.pull.shape[1] + k + 1,) * 2)
-    pull[: -k - 1, : -k - 1] = fitted.pull.T @ fitted.pull
-    each = np.array([np.einsum("iaj,iak->jk", t, t) for t in (table[fitted.stretch == s] for s in range(count))])
-
-    def of(squares: np.ndarray) -> np.ndarray:
-        size = np.sqrt(np.maximum(np.diag(squares), 1e-300))
-        even = squares / np.outer(size, size)
-        found = np.linalg.lstsq(even[:-1, :-1], even[:-1, -1], rcond=1e-12)[0]
-        return -(found * size[-1] / size[:-1])[-k:]
-
-    whole = each.sum(axis=0) + pull
-    others = np.array([of(whole - one) for one in each])
-    spread = np.sum((others - others.mean(axis=0)) ** 2, axis=0)
-    return of(whole), few(count) * np.sqrt((count - 1) / count * spread)
-
-
 def few(count: int) -> float:
     """By how much wider a 95 % interval is whose spread so many stretches tell: few tell their own badly."""
     return float(student.ppf(0.975, count - 1) / student.ppf(0.975, np.inf))
