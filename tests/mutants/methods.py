@@ -303,6 +303,8 @@ MUTANTS = [
         [
             ("a coarse channel is stuck", "_COARSE * finest if usual < _COARSE * finest else 0.0", "0.0"),
             ("swapped channels by their size alone", "abs(slope) / 0.5) < 1", "1.0) < 1"),
+            ("understeer of a yaw rate with its offset", "true = r - value", "true = r"),
+            ("understeer in proportion up to the limit", "v * (v * true) ** 3", "v * (v * true)"),
         ],
     ),
     *mistakes(

@@ -221,6 +221,23 @@ def test_an_offset_of_the_steering_is_none_of_the_yaw_rate():
     assert doubts(changed("delta", lambda delta: delta + 0.03), wheelbase=LENGTH) == ()
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.12])
+def test_tires_near_their_limit_are_no_offset_of_the_yaw_rate_and_change_none(offset):
+    """A track that turns one way, at the grip's end: its understeer grows faster than its lateral acceleration."""
+    parts = []
+    for k, speed in enumerate((7.0, 10.0, 13.0, 16.0)):
+        t, rng = np.arange(1500) * 0.02, np.random.default_rng(k)
+        a_y = np.minimum(7.5, 0.03 * speed**2) * (1.0 + 0.3 * np.sin(2 * np.pi * 0.1 * t + k))
+        r = a_y / speed
+        delta = LENGTH * r / speed + 0.002 * a_y + 0.0001 * a_y**3
+        noisy = r + offset + 0.003 * rng.standard_normal(len(t))
+        parts.append(Dataset.from_arrays({"delta": delta, "v_x": np.full(len(t), speed)}, {"r": noisy}, 0.02))
+    said = doubts(join(*parts), wheelbase=LENGTH)
+    told = [float(s.split()[2]) for s in said if "on a straight" in s]
+    assert told == ([] if offset == 0.0 else [pytest.approx(offset, abs=0.006)])
+    assert len(said) == len(told)
+
+
 def offset_anew(seed):
     """Drives whose steering sensors have other zeros; each at speeds that change inside it."""
     rng = np.random.default_rng(seed)

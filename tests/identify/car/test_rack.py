@@ -1,9 +1,12 @@
 """A steering whose ratio changes with its angle: said with its share, counted in the intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slipangle.data.dataset import join
+from slipangle.identify.car.corrections import LOCKED
 from slipangle.identify.car.rack import changing, with_rack
 from slipangle.identify.car.structures import STIFF
 from tests.identify.car.test_identify_car import log
@@ -47,3 +50,13 @@ def test_a_rack_of_one_ratio_is_none():
     data = drives(0.0)
     assert changing(fitted(data), data) is None
     assert with_rack(fitted(data, "steering_gain"), [], [], data) == ([], [])
+
+
+def test_where_the_rear_wheels_turn_as_one_a_rack_is_one_of_two_things_that_it_may_be(monkeypatch):
+    data = drives(0.15)
+    final = fitted(data, "steering_gain")
+    found = changing(final, data)
+    monkeypatch.setattr("slipangle.identify.car.rack.changing", lambda *_: found)
+    _, (said,) = with_rack(replace(final, free=(*final.free, *LOCKED)), [], [], data)
+    assert "as a rack whose ratio changes does, and as rear wheels that turn as one" in said
+    assert "if it is the rack" in said

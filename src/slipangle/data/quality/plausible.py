@@ -37,6 +37,7 @@ _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement fro
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
 _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
+_ANEW = 5  # times that an offset is told, each without the one before
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
 
@@ -276,14 +277,18 @@ def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     """A sentence on an offset of r beyond what a fit corrects: what delta, v_x and understeer do not explain.
 
-    An offset of the steering counts for more the faster the car is, one of the sensor does not. How late the car is
-    counts as in `_asked`.
+    An offset of the steering counts for more the faster the car is, one of the sensor does not. Understeer grows with
+    the square of the lateral acceleration, as that of tires near their limit does: a track that turns one way would
+    else leave it for an offset. How late the car is counts as in `_asked`.
     """
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
         return []
-    table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), _rate(r, drives), r])
-    value, error = _coefficient(_blocks(table, drives), 3)
+    value, error = 0.0, np.inf
+    for _ in range(_ANEW):  # understeer is that of the motion, without the offset
+        true = r - value
+        table = np.column_stack([v * delta, v * v * true, v, np.ones(len(v)), _rate(r, drives), v * (v * true) ** 3, r])
+        value, error = _coefficient(_blocks(table, drives), 3)
     if abs(value) < max(_ZERO, 5 * error):
         return []
     return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]

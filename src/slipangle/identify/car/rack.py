@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import Correction
+from slipangle.identify.car.corrections import LOCKED, Correction
 from slipangle.identify.car.effects import others_as_good
 from slipangle.identify.car.left_over import searched
 from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, worth
@@ -27,10 +27,16 @@ def with_rack(final: Fitted, others: Others, dropped: list[Correction], data: Da
     shares, straight = found
     most = int(np.argmax(np.abs(shares)))
     at = float(np.rad2deg(_NODES[most] * _largest(final, data)))
+    mended = "as a rack whose ratio changes does: give delta at the road wheels, by the rack's table"
+    if {*LOCKED} <= {*final.free}:
+        mended = (
+            "as a rack whose ratio changes does, and as rear wheels that turn as one look like when they slip: if it "
+            "is the rack, give delta at the road wheels, by its table"
+        )
     said = (
         f"the steering turns the wheels {100 * abs(shares[most]):.2g} % {'more' if shares[most] > 0 else 'less'} at "
-        f"{at:.2g} deg of delta than in proportion to what it does straight ahead, as a rack whose ratio changes does: "
-        "give delta at the road wheels, by the rack's table; the intervals of C_f, C_r and inertia_z hold for either"
+        f"{at:.2g} deg of delta than in proportion to what it does straight ahead, {mended}; the intervals of C_f, C_r "
+        "and inertia_z hold for either"
     )
     with_it = others_as_good(straight, dropped, turned(final, data, shares))
     return [*others, (straight, 1.0), *with_it], [said]

@@ -151,9 +151,11 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
                 )
     gain = final.values.get("steering_gain", first) / first
     if not _GAIN[0] < gain < _GAIN[1]:
+        alone = {"v_y", "a_y"}.isdisjoint(final.model.outputs)  # then no locked axle is told from such a gain
+        solid = "; rear wheels that turn as one, as of a kart, look so too" if alone and 0 < gain < 1 else ""
         said.append(
             f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
-            "steering ratio and the units"
+            f"steering ratio and the units{solid}"
         )
     late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
     if late > _LATE:
