@@ -363,7 +363,11 @@ MUTANTS = [
             "estimate/test_ekf.py::test_steps_that_are_repeated_are_those_written_out",
         ),
         [
-            ("steps begin without derivatives", "ca.SX.eye(y.shape[0])", "0.5 * ca.SX.eye(y.shape[0])"),
+            (
+                "steps begin without derivatives",
+                "self.carried.column(self.start, ca.SX.eye(n)",
+                "self.carried.column(self.start, 0.5 * ca.SX.eye(n)",
+            ),
             ("the step before the last is taken", "last=self.times % 2", "last=1"),
             (
                 "parameters move no step",
@@ -371,7 +375,21 @@ MUTANTS = [
                 "moved = [i for i in range(equations.n_inputs) if",
             ),
             ("inputs act in the last step alone", "by_v + ca.mtimes(by_y, D)", "by_v + 0 * D"),
-            ("late inputs are of no state", " + ca.mtimes(D, v_b[moved, :])", ""),
+            ("late inputs are of no state", " + ca.mtimes(D, v_b[found.moved, :])", ""),
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/curvature.py",
+        "optimal/realtime/test_curvature.py",
+        [
+            ("steps bend nothing behind them", "column(first, G + second)", "column(first, second)"),
+            (
+                "what is before the steps bends nothing",
+                "_hessian(at_node + behind + before, z)",
+                "_hessian(at_node + behind, z)",
+            ),
+            ("late inputs bend by their start alone", "by_v + first[n:]", "first[n:]"),
+            ("what follows the steps is straight", " + mixed + mixed.T", ""),
         ],
     ),
     *mistakes(

@@ -102,19 +102,64 @@ def repeated(
     parameters : casadi.SX, optional
         Those of ``given`` that move the equations themselves.
     """
+    found = chain(model, x, u, by=by, parameters=parameters)
+    if found is None:
+        return None
+    last, (Y, D) = ca.vertcat(found.later), found.carried.matrices
+    around_by = jacobians([last], [*by, found.end]) if by else []
+    derivatives = [
+        direct + ca.mtimes(around_by[-1], ca.mtimes(Y, y_b) + ca.mtimes(D, v_b[found.moved, :]))
+        for direct, y_b, v_b in zip(around_by, found.start_by, found.inputs_by, strict=False)
+    ]
+    begin = ca.Function("begin", [*given], [found.column, ca.densify(found.inputs)])
+    end = ca.Function("end", [*given, found.symbols], [ca.densify(last), *derivatives], {"cse": True})
+    short, times = found.short, found.equations.substeps
+    parts = Repeated(begin, short, end, times, times * found.alone)
+    return parts if all(scalar_code(f) is not None for f in parts[:3]) else None
+
+
+class Chain(NamedTuple):
+    """Equations whose steps are repeated, and what stands before and behind them, as expressions of what is given."""
+
+    equations: OdeModel
+    start: Any  # y, that the steps begin with
+    inputs: Any  # v, of the equations, and parameters
+    start_by: list[Any]  # derivatives of both
+    inputs_by: list[Any]
+    moved: list[int]  # entries of v that these move
+    short: ca.Function
+    alone: int  # instructions of a step and its derivatives by where it begins
+    carried: Carried
+    end: Any  # symbols, y behind the last step
+    later: Any  # what comes of these and of what is given
+
+    @property
+    def column(self) -> Any:
+        """s, as the steps begin with it."""
+        n = self.equations.n_states
+        return self.carried.column(self.start, ca.SX.eye(n), ca.SX(n, len(self.moved)))
+
+    @property
+    def symbols(self) -> Any:
+        """s, behind the last step."""
+        return ca.vertcat(self.end, *self.carried.symbols)
+
+
+def chain(model: Model, x: Any, u: Any, *, by: Sequence[Any] = (), parameters: Any = None) -> Chain | None:
+    """What `repeated` makes its parts of, with the same arguments; None where a sample has no steps to be repeated."""
     if not model.n_inputs:
         return None
     seen: list[tuple[Any, Any]] = []
 
     def end_of(y: Any, v: Any) -> Any:
         seen.append((ca.vertcat(y), ca.vertcat(v)))
-        return y_end
+        return end
 
     found = _around(model, end_of)
     if found is None:
         return None
     around, equations = found
-    y_end = ca.SX.sym("y", equations.n_states)
+    end = ca.SX.sym("y", equations.n_states)
     later = around.step(x, u)
     if len(seen) != 1:
         return None
@@ -123,20 +168,7 @@ def repeated(
     y_by, v_by = first[: len(by)], first[len(by) :]
     moved = [i for i in range(v.shape[0]) if any(m[i, :].nnz() for m in v_by)]
     one = _short_step(equations, moved, parameters, derivatives=bool(by))
-    if one is None:
-        return None
-    short, alone, carried = one
-    last, Y, D = ca.vertcat(later), *carried.matrices
-    around_by = jacobians([last], [*by, y_end]) if by else []
-    derivatives = [
-        direct + ca.mtimes(around_by[-1], ca.mtimes(Y, y_b) + ca.mtimes(D, v_b[moved, :]))
-        for direct, y_b, v_b in zip(around_by, y_by, v_by, strict=False)
-    ]
-    start = carried.column(y, ca.SX.eye(y.shape[0]), ca.SX(*D.shape))
-    begin, s = ca.Function("begin", [*given], [start, ca.densify(v)]), ca.vertcat(y_end, *carried.symbols)
-    end = ca.Function("end", [*given, s], [ca.densify(last), *derivatives], {"cse": True})
-    parts = Repeated(begin, short, end, equations.substeps, equations.substeps * alone)
-    return parts if all(scalar_code(f) is not None for f in parts[:3]) else None
+    return None if one is None else Chain(equations, y, v, y_by, v_by, moved, *one, end, later)
 
 
 def followed(step: S, given: Sequence[Any], at: Sequence[Any], then: Callable[..., list[Any]]) -> S:
@@ -179,7 +211,7 @@ def _around(model: Model, step: Callable[[Any, Any], Any]) -> tuple[Model, OdeMo
     return None if found is None else (replace(model, model=found[0]), found[1])  # type: ignore[type-var]
 
 
-class _Carried(NamedTuple):
+class Carried(NamedTuple):
     """Which derivatives of the states y, by those at the start and by what moves, can be nonzero."""
 
     by_start: np.ndarray
@@ -206,7 +238,7 @@ class _Carried(NamedTuple):
 
 def _short_step(
     model: OdeModel, moved: list[int], parameters: Any, *, derivatives: bool
-) -> tuple[ca.Function, int, _Carried] | None:
+) -> tuple[ca.Function, int, Carried] | None:
     """One of the steps on top of those before, and how long it is alone; None without symbols."""
     n = model.n_states
     sizes = {"n_states": n, "n_inputs": model.n_inputs}
@@ -223,7 +255,7 @@ def _short_step(
     for _ in range(min(n, model.substeps) if derivatives else 0):
         by_start, by_input = by_start | one @ by_start, more | one @ by_input
     symbols = ca.SX.sym("Y", int(by_start.sum())), ca.SX.sym("D", int(by_input.sum()))
-    carried = _Carried(by_start, by_input, symbols)
+    carried = Carried(by_start, by_input, symbols)
     Y, D = carried.matrices
     column = carried.column(later, ca.mtimes(by_y, Y), by_v + ca.mtimes(by_y, D))
     alone = ca.Function("alone", [y, v], [later, by_y, by_v]).n_instructions()

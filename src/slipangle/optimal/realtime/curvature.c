@@ -4,49 +4,55 @@
 
 static const double *limit_of(const Work *s, int row, int *stage, int *which);
 
-/* Rows r whose r r^T sum to a symmetric matrix, each times its turn, the sign of an eigenvalue; by Jacobi's rotations,
-   which leave the matrix diagonal. */
-static void split(double *M, double *rows, double *turn)
+/* Rows r whose r r^T sum to a symmetric matrix, each times its turn, the sign of an eigenvalue; by Jacobi's rotations of
+   what is not all zero. */
+static void split(const double *M, double *rows, double *turn)
 {
-    double size = 0;
-    for (int a = 0; a < NZ * NZ; a++) {
-        rows[a] = a % (NZ + 1) == 0;
-        size = larger(size, fabs(M[a]));
+    int n = 0, at[NZ];
+    double size = 0, m[NZ * NZ], e[NZ * NZ];
+    for (int a = 0; a < NZ; a++) {
+        double most = 0;
+        for (int b = 0; b < NZ; b++)
+            most = larger(most, fabs(M[a * NZ + b]));
+        size = larger(size, most);
+        turn[a] = 1;
+        if (most > 0)
+            at[n++] = a;
     }
+    memset(rows, 0, sizeof(double) * NZ * NZ);
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++)
+            m[a * n + b] = M[at[a] * NZ + at[b]], e[a * n + b] = a == b;
     for (int sweep = 0; sweep < 40; sweep++) {
         double off = 0;
-        for (int a = 0; a < NZ; a++)
-            for (int b = a + 1; b < NZ; b++)
-                off = larger(off, fabs(M[a * NZ + b]));
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++)
+                off = larger(off, fabs(m[a * n + b]));
         if (!(off > 1e-15 * size))
             break;
-        for (int a = 0; a < NZ; a++)
-            for (int b = a + 1; b < NZ; b++) {
-                double m = M[a * NZ + b];
-                if (m == 0)
+        for (int a = 0; a < n; a++)
+            for (int b = a + 1; b < n; b++) {
+                double *p = m + a * n, *q = m + b * n, *v = e + a * n, *w = e + b * n, x = p[b];
+                if (x == 0)
                     continue;
-                double half = 0.5 * (M[b * NZ + b] - M[a * NZ + a]) / m;
+                double half = 0.5 * (q[b] - p[a]) / x;
                 double t = (half >= 0 ? 1 : -1) / (fabs(half) + sqrt(half * half + 1));
-                double c = 1 / sqrt(t * t + 1), d = t * c;
-                for (int k = 0; k < NZ; k++) {
-                    double p = M[a * NZ + k], q = M[b * NZ + k];
-                    M[a * NZ + k] = c * p - d * q, M[b * NZ + k] = d * p + c * q;
+                double c = 1 / sqrt(t * t + 1), d = t * c, first = p[a] - t * x, second = q[b] + t * x;
+                for (int k = 0; k < n; k++) {
+                    double one = p[k], two = q[k], of = v[k], to = w[k];
+                    p[k] = c * one - d * two, q[k] = d * one + c * two;
+                    v[k] = c * of - d * to, w[k] = d * of + c * to;
                 }
-                for (int k = 0; k < NZ; k++) {
-                    double p = M[k * NZ + a], q = M[k * NZ + b];
-                    M[k * NZ + a] = c * p - d * q, M[k * NZ + b] = d * p + c * q;
-                }
-                for (int k = 0; k < NZ; k++) {
-                    double p = rows[a * NZ + k], q = rows[b * NZ + k];
-                    rows[a * NZ + k] = c * p - d * q, rows[b * NZ + k] = d * p + c * q;
-                }
+                p[a] = first, q[b] = second, p[b] = q[a] = 0;
+                for (int k = 0; k < n; k++)
+                    m[k * n + a] = p[k], m[k * n + b] = q[k];
             }
     }
-    for (int a = 0; a < NZ; a++) {
-        double by = sqrt(fabs(M[a * NZ + a]));
-        turn[a] = M[a * NZ + a] < -1e-12 * size ? -1 : 1;
-        for (int k = 0; k < NZ; k++)
-            rows[a * NZ + k] *= by;
+    for (int a = 0; a < n; a++) {
+        double value = m[a * n + a], by = sqrt(fabs(value));
+        turn[at[a]] = value < -1e-12 * size ? -1 : 1;
+        for (int k = 0; k < n; k++)
+            rows[at[a] * NZ + at[k]] = by * e[a * n + k];
     }
 }
 
@@ -80,6 +86,7 @@ static int has_negative(const Work *s)
    prices of limits that are exceeded. */
 static void curve(Work *s)
 {
+    Scratch *c = &s->scratch;
     double of_l[M1((N + 1) * NL)] = {0}, of_e[(N + 1) * NE], of_x[(N + 1) * NX] = {0};
     if (s->curved)
         memcpy(of_x, s->pi + NX, sizeof(double) * N * NX);
@@ -95,19 +102,18 @@ static void curve(Work *s)
         of_l[i * NL + k] = s->curved ? s->qp.lambda[QN + QR + row] : price;
     }
     for (int first = 0; first <= N; first += LANES) {
-        V x[NX], u[NU], w[M1(NW)], p[M1(NP)], pi[NX], mu[M1(NL)], nu[NE], M[NZ * NZ] = {{0}};
-        gather(x, s->x, NX, first, LANES, N);
-        gather(u, s->u, NU, first, LANES, N - 1);
-        gather(w, s->w, NW, first, LANES, N);
-        gather(p, s->p, NP, first, LANES, N);
-        gather(pi, of_x, NX, first, LANES, N);
-        gather(mu, of_l, NL, first, LANES, N);
-        gather(nu, of_e, NE, first, LANES, N);
-        curvature(x, u, w, p, pi, mu, nu, M);
+        gather(c->x, s->x, NX, first, LANES, N);
+        gather(c->u, s->u, NU, first, LANES, N - 1);
+        gather(c->w, s->w, NW, first, LANES, N);
+        gather(c->p, s->p, NP, first, LANES, N);
+        gather(c->pi, of_x, NX, first, LANES, N);
+        gather(c->mu, of_l, NL, first, LANES, N);
+        gather(c->nu, of_e, NE, first, LANES, N);
+        curvature(c->x, c->u, c->w, c->p, c->pi, c->mu, c->nu, c->M);
         for (int lane = 0; lane < LANES && first + lane <= N; lane++) {
             double m[NZ * NZ], rows[NZ * NZ];
             for (int a = 0; a < NZ * NZ; a++)
-                m[a] = v_lane(M[a], lane);
+                m[a] = v_lane(c->M[a], lane);
             split(m, rows, s->turn + (first + lane) * NZ);
             for (int r = 0; r < NZ; r++) {
                 int at = (first + lane) * NE + CURVED + r;

@@ -15,7 +15,7 @@ from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
-from slipangle.optimal.realtime.curvature import curvature_function
+from slipangle.optimal.realtime.curvature import curvature_function, curvature_sweeps
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -57,6 +57,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     stage = stage_function(ocp)
     stage_lanes = scalar_code(stage)
     parts = implicit(ocp)
+    sweeps = None
     called: list[ca.Function] = []
     code: list[str] = []
     if parts:
@@ -70,6 +71,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
             kinds, pattern = ["EXPLICIT"], steps.end.sparsity_out(1)
             values: Any = repeated_steps(ocp, derivatives=False)
             code += steps.code("explicit_dynamics", "V", _columns) + values.code("explicit_values", "V", _columns)
+            sweeps = None if curved(ocp) is None else curvature_sweeps(ocp)
         else:
             short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
             kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
@@ -83,7 +85,9 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         called += [_by_row(stage, "called_stage"), _by_row(only(stage, [0, 1]), "called_stage_values")]
     if ocp.jumps:
         code.append(_columns(jump_function(ocp), "jump"))
-    if curved(ocp) is not None:
+    if sweeps is not None:
+        code += sweeps.code("curvature", "explicit_dynamics", "V", _columns)
+    elif curved(ocp) is not None:
         code.append(_columns(curvature_function(ocp), "curvature"))
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
@@ -103,7 +107,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
             _sizes(ocp, stage, parts, pattern, kinds),
             *_stages(ocp, stage, qp),
             *code,
-            _scratch(called, bool(parts)),
+            _scratch(called, bool(parts), curved(ocp) is not None),
             *map(_text, _files(ocp, stage, qp)),
             "" if caller else accessors("rt", [*FIELDS, *COUNTS]),
         ]
@@ -329,10 +333,12 @@ def _step_pattern(parts: Implicit, nx: int) -> ca.Sparsity:
     return ca.Sparsity.triplet(nx, nx, rows.tolist(), columns.tolist())
 
 
-def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
+def _scratch(called: Sequence[ca.Function], is_implicit: bool, is_curved: bool) -> str:
     lines = ["typedef struct {"]
     lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
     lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
+    if is_curved:
+        lines.append("    V pi[NX], mu[M1(NL)], nu[NE], M[(NX + NU) * (NX + NU)];")
     if is_implicit:
         lines.append("    V k[NK], z[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
         lines.append(
