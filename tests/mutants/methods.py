@@ -379,6 +379,19 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/ocp.py",
+        "optimal/test_ocp.py",
+        [
+            ("any psi is a heading", "or not set(POSE) <= {*self.model.states}:", "or 'psi' not in self.model.states:"),
+            ("ends are as soft as the way there", 'f"{name}{AT_END}" if softened else name', "name"),
+        ],
+    ),
+    *mistakes(
+        "optimal/lap/profile.py",
+        "optimal/lap/test_stages.py",
+        [("a closed line is gone round once", "_LAPS, _SAME = 200,", "_LAPS, _SAME = 1,")],
+    ),
+    *mistakes(
         "optimal/realtime/curvature.py",
         "optimal/realtime/test_curvature.py",
         [

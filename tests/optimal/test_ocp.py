@@ -13,6 +13,7 @@ from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
+from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.paths.path import Path
@@ -340,3 +341,41 @@ def test_records_are_frozen_and_check_their_numbers():
         with pytest.raises(ParameterError):
             Limits(a=bad)
     assert nearest("y", ["Y"]) == "nearest are 'Y'"
+
+
+def turntable(name, **settings):
+    model = Ode(f=lambda x, u, p: [x[1], u[0]], states=(name, "w"), inputs=("a",), params={}, dt=0.1)
+    usual = {"horizon": 30, "controls": ("a",), "Q": {name: 3.0}, "R": Weights(a=0.1), "limits": Limits(a=20.0)}
+    return MPC(model, **(usual | settings))
+
+
+@pytest.mark.parametrize("name", ["psi", "e_y", "e_psi", "x", "self", "X"])
+def test_names_of_a_model_of_ones_own_mean_nothing_but_what_it_says(name):
+    """A full turn is one where there is no pose; path errors and arguments of plan() are states as others are."""
+    plans = [turntable(n).plan(np.zeros(2), **{n: 2 * np.pi}) for n in (name, "angle")]
+    assert plans[0].cost == pytest.approx(plans[1].cost, rel=1e-12)
+    assert plans[0].x[-1, 0] > 6.0
+
+
+def test_words_of_a_plan_are_no_names_of_what_is_tracked():
+    with pytest.raises(ParameterError, match="'applied' is tracked, which is a word of plan"):
+        turntable("applied")
+
+
+@pytest.mark.parametrize("solver", ["realtime", "ipopt"])
+@pytest.mark.parametrize("slack", ["slack", "slack_linear"])
+def test_a_soft_limit_along_the_way_leaves_the_end_hard(solver, slack):
+    more = {"limits": Limits(a=6.0, w=1.0), slack: Weights(w=2.0), "terminal_limits": Limits(w=(0.0, 0.0))}
+    mpc = turntable("angle", solver=RealTime(iterations=0) if solver == "realtime" else solver, **more)
+    plan = mpc.plan(np.zeros(2), angle=4.0)
+    assert plan.status.solved
+    assert plan.x[:, 1].max() > 1.3
+    assert plan.x[-1, 1] == pytest.approx(0.0, abs=1e-7)
+    narrow = mpc.plan(np.zeros(2), angle=4.0, limits={"w": (-9.0, 9.0)})
+    assert narrow.x[:, 1].max() > plan.x[:, 1].max() + 0.1
+    assert narrow.x[-1, 1] == pytest.approx(0.0, abs=1e-7)
+
+
+def test_an_end_alone_is_soft_where_a_slack_names_it():
+    plan = turntable("angle", slack=Weights(w=0.1), terminal_limits=Limits(w=(0.0, 0.0))).plan(np.zeros(2), angle=9.0)
+    assert abs(plan.x[-1, 1]) > 1e-3

@@ -85,7 +85,7 @@ class Controller(Brief, abc.ABC):
 
     @abc.abstractmethod
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """Plan from the state now.
 

@@ -149,6 +149,7 @@ class MPC(Fallbacks):
     def plan(
         self,
         x: np.ndarray,
+        /,
         reference: Ahead | None = None,
         previous: Plan | Guess | None = None,
         *,
@@ -202,6 +203,7 @@ class MPC(Fallbacks):
     def plan_many(
         self,
         x: np.ndarray,
+        /,
         reference: Ahead | Sequence[Ahead] | None = None,
         previous: Sequence[Plan | Guess | None] | None = None,
         *,

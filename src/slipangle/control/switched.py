@@ -221,7 +221,7 @@ class SwitchedMPC(Led):
         return share if np.isfinite(share) else np.inf
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> SwitchedPlan:
         """Plan with the controller that the criterion names; as `MPC.plan`."""
         begin = perf_counter()

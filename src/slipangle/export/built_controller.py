@@ -147,7 +147,7 @@ class BuiltController(Controller):
         )
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """See `Controller.plan`; ``previous`` is this controller's last plan, or None to start anew.
 

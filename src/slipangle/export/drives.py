@@ -69,7 +69,7 @@ class Recorder:
         return getattr(self.controller, name)
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """As `Controller.plan`.
 

@@ -32,6 +32,7 @@ from slipangle.shown import Brief
 MOST_STEPS = 400  # of an explicit integrator in one sample: a compiler takes up to half a minute for so many
 NOTHING = "nothing"  # of a problem that tracks none: solvers have an error all the same, which is zero
 PATH_ERRORS = ("e_x", "e_y", "e_psi", "e_course")
+AT_END = " at the end"  # of a limit there that is hard, though its quantity's limits are soft
 MOVING = 0.1  # m/s, below which no direction of motion is told
 POSE = ("X", "Y", "psi")
 
@@ -156,7 +157,8 @@ class OCP(Checked):
         On the change of decided inputs, per second: from stage to stage over the time between their middles.
     terminal_limits : Limits
         On states, outputs, path errors and terms at the end alone, besides ``limits``; two equal numbers make it an
-        equation.
+        equation. They are hard, also where a slack softens the ``limits`` of the same name; a name with a slack that
+        stands here alone is soft.
     parameters : tuple of str
         What terms read besides the model's quantities, as ``p.name``, with a value at every node that comes with the
         reference, as those of exogenous inputs do.
@@ -302,6 +304,11 @@ class OCP(Checked):
                 f"nothing is tracked; expected weights on some of {trackable}: set Q, or limits of them that R, S or a "
                 "slack is to keep at least cost"
             )
+        said = [name for name in ("reference", "previous", "applied") if name in self.references]
+        if said:
+            raise ParameterError(
+                f"'{said[0]}' is tracked, which is a word of plan(); expected another name: rename it in the model"
+            )
         if self.corridor is not None and "e_y" in self.terminal_limits:
             raise ParameterError(
                 "terminal_limits name 'e_y', which the corridor limits; expected one of both: narrow the last row "
@@ -349,10 +356,15 @@ class OCP(Checked):
 
     @property
     def _trackable(self) -> list[str]:
-        known = dict.fromkeys((*self.model.states, *self.model.outputs))
-        if set(POSE) <= known.keys():
-            known.update(dict.fromkeys(PATH_ERRORS if self._coursed else PATH_ERRORS[:-1]))
+        known = (*self.model.states, *self.model.outputs, *self._path_errors)
         return list(dict.fromkeys((*known, *self.terms, *self.decided_once)))
+
+    @cached_property
+    def _path_errors(self) -> tuple[str, ...]:
+        """Those that a pose has; in a model without one these are names as others are."""
+        if not set(POSE) <= {*self.model.states, *self.model.outputs}:
+            return ()
+        return PATH_ERRORS if self._coursed else PATH_ERRORS[:-1]
 
     @property
     def _coursed(self) -> bool:
@@ -395,8 +407,13 @@ class OCP(Checked):
     @cached_property
     def limited(self) -> tuple[str, ...]:
         """States, outputs and path errors with a limit, the rows of the second result of `stage`."""
-        names = [*(n for n in self.limits if n not in self.controls), *self.terminal_limits]
+        names = [*(n for n in self.limits if n not in self.controls), *map(self._named_at_end, self.terminal_limits)]
         return tuple(dict.fromkeys((*names, *(("e_y",) if self.corridor is not None else ()))))
+
+    def _named_at_end(self, name: str) -> str:
+        """A terminal limit's row in `limited`: its own where limits along the horizon are soft, which it is not."""
+        softened = name in self.limits and (name in self.slack or name in self.slack_linear)
+        return f"{name}{AT_END}" if softened else name
 
     @cached_property
     def references(self) -> tuple[str, ...]:
@@ -404,14 +421,15 @@ class OCP(Checked):
         used = self.tracked
         if isinstance(self.terminal, TerminalCost):
             used = (*self.Q, *(n for n in self.terminal.names if n not in self.controls))
-        plain = [n for n in used if n not in PATH_ERRORS and n not in self.terms and n != NOTHING]
-        pose = POSE if set(PATH_ERRORS) & {*used, *self.limited} else ()
+        errors = self._path_errors
+        plain = [n for n in used if n not in errors and n not in self.terms and n != NOTHING]
+        pose = POSE if {*errors} & {*used, *self.limited} else ()
         return tuple(dict.fromkeys((*plain, *pose)))
 
     @cached_property
     def headings(self) -> tuple[int, int] | None:
-        """Where states and references have the heading, None unless both do."""
-        if "psi" not in self.references or "psi" not in self.model.states:
+        """Where states and references have the heading of a pose, which counts by the nearest turn; None without."""
+        if "psi" not in self.references or not set(POSE) <= {*self.model.states}:
             return None
         return self.model.states.index("psi"), self.references.index("psi")
 
@@ -436,7 +454,7 @@ class OCP(Checked):
         values: dict[str, Scalar] = {name: y[i] for i, name in enumerate(self.model.outputs)}
         values.update({name: x[i] for i, name in enumerate(self.model.states)})
         wanted: dict[str, Scalar] = {name: p[i] for i, name in enumerate(self.references)}
-        if set(POSE) <= wanted.keys():
+        if self._path_errors and set(POSE) <= wanted.keys():
             dx, dy, psi = values["X"] - wanted["X"], values["Y"] - wanted["Y"], wanted["psi"]
             values["e_x"] = cos(psi) * dx + sin(psi) * dy
             values["e_y"] = cos(psi) * dy - sin(psi) * dx
@@ -451,7 +469,7 @@ class OCP(Checked):
         def missed(name: str) -> Scalar:
             if name == NOTHING:
                 return 0 * x[0]
-            return values[name] - (0.0 if name in PATH_ERRORS or name in self.terms else wanted[name])
+            return values[name] - (0.0 if name in self._path_errors or name in self.terms else wanted[name])
 
         if isinstance(self.terminal, TerminalCost):
             each = [u[self.controls.index(n)] if n in self.controls else missed(n) for n in self.terminal.names]
@@ -459,7 +477,7 @@ class OCP(Checked):
         else:
             rows = []
         error = [*(missed(n) - self._excess(n, u, w) for n in self._bendable), *rows, *self._curved(x, u, w)]
-        limited = [values[n] for n in self.limited]
+        limited = [values[n.removesuffix(AT_END)] for n in self.limited]
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
         return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
@@ -667,7 +685,8 @@ class OCP(Checked):
     def limits_at_nodes(self) -> np.ndarray:
         """Bounds of `limited` without a corridor at each node, shape (horizon + 1, n_limited, 2)."""
         bounds = np.tile(self.state_limits, (self.horizon + 1, 1, 1))
-        end = _rows(self.terminal_limits, self.limited)
+        at_end = Limits({self._named_at_end(n): both for n, both in self.terminal_limits.items()})
+        end = _rows(at_end, self.limited)
         bounds[-1] = np.stack(
             [np.maximum(bounds[-1, :, 0], end[:, 0]), np.minimum(bounds[-1, :, 1], end[:, 1])], axis=1
         )

@@ -112,10 +112,13 @@ def vary(
         require_names(limits, along, "limits", "use a state, output or term of the problem's limits")
         rows = ocp.limits_at_nodes.copy()
         for name, both in limits.items():
+            if isinstance(both, int | float):
+                both = (-abs(both), abs(both))  # as in `Limits`
             if not (isinstance(both, tuple | list) and len(both) == 2):
                 raise ParameterError(f"the limits of '{name}' are {short(both)}; expected a lower and an upper one")
             j, (low, high) = ocp.limited.index(name), (_column(name, side, n, ends=True) for side in both)
-            end = ocp.terminal_limits.get(name, (-np.inf, np.inf))
+            apart = ocp._named_at_end(name) != name
+            end = (-np.inf, np.inf) if apart else ocp.terminal_limits.get(name, (-np.inf, np.inf))
             low[-1], high[-1] = max(low[-1], end[0]), min(high[-1], end[1])
             rows[:, j, 0], rows[:, j, 1] = low, high
         changed["limits"] = rows

@@ -81,6 +81,20 @@ def test_the_lap_is_a_drive_of_the_model():
     assert x[3] == pytest.approx(lap.v_x[stop], rel=0.02)
 
 
+@pytest.mark.parametrize("points", [20, 200])
+def test_a_straight_at_one_speed_takes_its_length_over_that(points):
+    line = sa.Path.from_points(np.linspace(0.0, 400.0, 50), np.zeros(50), right=5.0, left=5.0)
+    lap = sa.fastest_lap(RACER, line, v_start=20.0, v_max=20.0, points=points)
+    assert lap.time == pytest.approx(20.0, abs=1e-3)
+    assert lap.quasi_steady == pytest.approx(20.0, abs=1e-9)
+
+
+def test_grip_of_tires_that_share_force_evenly_is_that_of_the_one_with_less_left():
+    lap = sa.fastest_lap(replace(RACER, even=1.0), circuit())
+    most = max(lap.grip_f.max(), lap.grip_r.max())
+    assert 0.97 < most < 1.01
+
+
 def test_the_lap_beats_its_quasi_steady_start_and_the_middle_of_the_track():
     lap = lap_of_the_circuit()
     middle = sa.fastest_lap(RACER, circuit(), line="given", points=80)

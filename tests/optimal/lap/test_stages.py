@@ -40,6 +40,8 @@ def test_tires_of_an_axle_share_its_force_by_grip_or_evenly(even):
     assert got.F_y == pytest.approx(np.sum(lateral * np.sqrt(1 - used**2)), rel=2e-3)
     assert got.use == pytest.approx(used[1], rel=1e-4)  # of the inner tire, which has the least left
     assert got.peak == pytest.approx(peaks.sum(), rel=1e-4)
+    of_each = np.hypot(used, lateral * np.sqrt(1 - used**2) / peaks)
+    assert got.ellipse == pytest.approx(of_each.max(), rel=1e-3)
 
 
 def test_evenly_shared_force_costs_braking_in_a_bend_alone():
@@ -108,3 +110,11 @@ def test_least_curvature_of_a_ring_is_its_outer_edge():
     assert n == pytest.approx(-4.0, abs=1e-3)
     assert chi == pytest.approx(0.0, abs=1e-6)
     assert bend == pytest.approx(1 / 54.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("power", [500.0, 5e3])
+def test_around_a_closed_line_no_speed_is_beyond_what_the_engine_reaches(power):
+    """Of a circle that any car takes, the only speed is the one at which drag takes all of the power."""
+    car = replace(point_like(mu=1.2, power=power, drag=0.7), rolling_resistance=0.0)
+    v = speed_profile(np.full(300, 0.01), np.full(300, 2.0), envelope(car, 60.0), closed=True)
+    assert v == pytest.approx((power / 0.7) ** (1 / 3), rel=0.06)

@@ -38,7 +38,7 @@ class SteeringLaw(SteeringController):
         """Steering command, the one before given. [rad]"""
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """See `Controller.plan`: the angle now, held over the horizon, and the one before if the state cannot be."""
         begin = perf_counter()

@@ -155,7 +155,7 @@ class AdaptiveMultiARXMPC(Checked, Led):
         return self.base.start(measured)
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> AdaptivePlan:
         """Learn from the newest sample, then plan; as `MultiARXMPC.plan`."""
         x, wanted = given(self, x, reference, previous)

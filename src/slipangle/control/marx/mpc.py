@@ -102,7 +102,7 @@ class MultiARXMPC(BlendedProblem):
     """
 
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self, x: np.ndarray, /, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> MultiARXPlan:
         """See `Controller.plan`: the path ahead has columns X, Y, psi; the speed is exogenous."""
         return self.plan_with(None, x, reference, previous, applied)

@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
-from slipangle.ops import Scalar, atan, clip, cos, sin, sqrt
+from slipangle.ops import Scalar, atan, clip, cos, maximum, sin, sqrt
 from slipangle.units import SI
 
 _CORNER, _PEAK, _LATERAL, _COAST = 0.004, 0.004, 0.02, 0.03
@@ -71,11 +71,15 @@ class LapCar(NonlinearBicycleParams):
 
 
 class Axle(NamedTuple):
-    """Of an axle: lateral force [N], longitudinal force over its limit [-], largest lateral force at this load [N]."""
+    """Of an axle: lateral force [N], longitudinal force over its limit [-], largest lateral force at this load [N].
+
+    ``ellipse`` is the share of its friction ellipse that the tire uses which uses more of its own. [-]
+    """
 
     F_y: Scalar
     use: Scalar
     peak: Scalar
+    ellipse: Scalar
 
 
 class Forces(NamedTuple):
@@ -119,11 +123,13 @@ def axle(
         sides.append(peak * sin(p.shape * curved(stiffness / (p.shape * peak) * alpha, E)))
     grip, apart = peaks[0] + peaks[1], peaks[0] - peaks[1]
     by_grip, least = (1.0 - p.even) / grip, grip - sqrt(apart * apart + (_PEAK * half) ** 2)
-    F_y = 0.0
+    F_y, ellipse = 0.0, 0.0
     for peak, lateral in zip(peaks, sides, strict=True):
         use = F_x / p.mu_x * (by_grip + 0.5 * p.even / peak)
-        F_y = F_y + lateral * sqrt(_positive(1.0 - use * use, _LATERAL))
-    return Axle(F_y, F_x / p.mu_x * (by_grip + p.even / least), grip)
+        across = lateral * sqrt(_positive(1.0 - use * use, _LATERAL))
+        F_y = F_y + across
+        ellipse = maximum(ellipse, use * use + across * across / (peak * peak))
+    return Axle(F_y, F_x / p.mu_x * (by_grip + p.even / least), grip, sqrt(ellipse))
 
 
 def forces(

@@ -212,7 +212,8 @@ def _lengths(along: Course, n: np.ndarray) -> np.ndarray:
 def _duration(along: Course, n: np.ndarray, v: np.ndarray) -> float:
     """Time along a line. [s]"""
     mean = 0.5 * (v + np.roll(v, -1)) if along.closed else 0.5 * (v[1:] + v[:-1])
-    return float(np.sum(_lengths(along, n) / mean))
+    ahead = 0.0 if along.closed else (along.s[0] - along.ends[0]) / v[0]  # of the first point
+    return float(np.sum(_lengths(along, n) / mean) + ahead)
 
 
 def _guess(

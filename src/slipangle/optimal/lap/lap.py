@@ -139,7 +139,7 @@ def lap_of(
     alphas = slip(v_x, v_y, r, delta, car)
     used = []
     for one, alpha in zip((motion.forces.front, motion.forces.rear), alphas, strict=True):
-        used.append(np.hypot(one.use, one.F_y / one.peak) * np.ones_like(alpha))
+        used.append(one.ellipse * np.ones_like(alpha))
     ends = np.cumsum(times)
     pace = (1 - n * along.curvature) / (v_x * np.cos(chi) - v_y * np.sin(chi))
     t = np.empty(count)

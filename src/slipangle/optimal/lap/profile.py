@@ -1,4 +1,4 @@
-"""The quasi-steady speed profile of a line: as fast as the car's g-g-v allows, in one pass forward and one back."""
+"""The quasi-steady speed profile of a line: as fast as the car's g-g-v allows, in passes forward and back."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from slipangle.optimal.lap.envelope import Envelope
+
+_LAPS, _SAME = 200, 1e-6  # around a closed line, until its first speed is again the last
 
 
 def speed_profile(
@@ -39,8 +41,13 @@ def speed_profile(
     slow = int(np.argmin(v))  # nothing before the slowest place bounds what comes after it
     v, k, step = np.roll(v, -slow), np.roll(k, -slow), np.roll(step, -slow)
     v, k = np.append(v, v[0]), np.append(k, k[0])
-    v = _pass(v, k, step, limits, limits.drive)
-    v = _pass(v[::-1], k[::-1], step[::-1], limits, limits.brake)[::-1]
+    for _ in range(_LAPS):
+        v = _pass(v, k, step, limits, limits.drive)
+        v = _pass(v[::-1], k[::-1], step[::-1], limits, limits.brake)[::-1]
+        before, v[0] = v[0], min(v[0], v[-1])  # a bend that is no bound for a car that gets no faster until it
+        v[-1] = v[0]
+        if before - v[0] < _SAME * before:
+            break
     return np.roll(v[:-1], slow)
 
 
