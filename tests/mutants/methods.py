@@ -853,6 +853,14 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "data/headings.py",
+        "data/test_headings.py",
+        [
+            ("heading: turns are added the wrong way", "return x - turn * turns", "return x + turn * turns"),
+            ("heading: in degrees, unwrapped by radians", "np.diff(x) / turn", "np.diff(x) / TURN"),
+        ],
+    ),
+    *mistakes(
         "data/dataset.py",
         "data/test_dataset.py::test_detrend_uses_training_offsets_on_test_data",
         [("detrend: adds the mean", "self.index(name)] -= value", "self.index(name)] += value")],

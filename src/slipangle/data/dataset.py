@@ -12,6 +12,7 @@ import numpy as np
 
 from slipangle.data.clock import at_rate
 from slipangle.data.frames import InFrames
+from slipangle.data.headings import continued, wrap_note
 from slipangle.errors import (
     MissingColumnError,
     NotFiniteError,
@@ -316,6 +317,26 @@ class Dataset(InFrames, Shown):
             )
         return self.rows(0, n), self.rows(n, self.n_samples)
 
+    def unwrapped(self) -> Self:
+        """The data with headings that go on after a full turn, where they were logged from -pi to pi, or 0 to 2 pi.
+
+        Headings are channels called psi, heading, yaw, course and the like, in rad. In each experiment leaps of more
+        than pi between neighbouring samples lose their whole turns, and a note says so; the very same data where there
+        are none. What interpolates or averages does this first, and models integrate a heading so.
+
+        >>> psi = np.array([3.0, 3.1, -3.1, -3.0])
+        >>> Dataset.from_arrays({}, {"psi": psi}, 0.1, units={"psi": "rad"}).unwrapped()["psi"].round(2).tolist()
+        [3.0, 3.1, 3.18, 3.28]
+        """
+        unit_of, tables, wrapped = [c.unit for c in self.channels], list[np.ndarray](), list[str]()
+        for a, b in zip(self.starts, self.stops, strict=True):
+            table, found = continued(self.values[a:b], self.names, unit_of)
+            tables.append(table)
+            wrapped += found
+        if not wrapped:
+            return self
+        return replace(self, values=np.vstack(tables), notes=(*self.notes, *wrap_note(wrapped)))
+
     def resample(self, dt: float, *, cutoff: float | None = None) -> Self:
         """Another sample time, with a zero-phase anti-alias filter first.
 
@@ -325,8 +346,8 @@ class Dataset(InFrames, Shown):
         Fourth-order Butterworth run forwards and backwards, then interpolation to the new instants (cubic after the
         low-pass, where the record is smooth; linear otherwise, which never overshoots a step), inside each experiment.
         Forwards and backwards halve the amplitude at the corner and keep the phase; a filtered record must not be used
-        to measure causality. Raises SampleTimeError if ``dt`` is not positive or makes too many samples, ParameterError
-        if the corner is not between 0 and half the sample rate.
+        to measure causality. Headings are `unwrapped` first. Raises SampleTimeError if ``dt`` is not positive or makes
+        too many samples, ParameterError if the corner is not between 0 and half the sample rate.
         """
         if not dt > 0:
             raise SampleTimeError(f"the new sample time is {dt} s; expected a positive number")
@@ -342,38 +363,40 @@ class Dataset(InFrames, Shown):
                 f"resampling '{self.name}' from {self.dt:g} to {dt:g} s makes {rows:.3g} samples; expected at most "
                 f"{_MOST:.0e}: choose a longer sample time, and check the unit of the log's time"
             )
-        pieces = [at_rate(part.values, self.dt, dt, corner) for part in self.experiments]
+        data = self.unwrapped()
+        pieces = [at_rate(part.values, self.dt, dt, corner) for part in data.experiments]
         starts = tuple(np.cumsum([0, *map(len, pieces[:-1])]).tolist())
         how = f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz" + (
             f" after a zero-phase low-pass at {corner:g} Hz" if corner is not None else ""
         )
-        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*self.notes, how))
+        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, how))
 
     def hold_mean(self) -> Self:
         """Each input as its mean over the interval to the next sample, instead of its value at the sample.
 
         A `Model` holds its inputs for a sample; a logged input goes on moving meanwhile. The sampled value makes the
         model late by half a sample, which an identification takes for lag of the vehicle; the mean of both ends removes
-        that to second order. Not for inputs that a controller held.
+        that to second order. Not for inputs that a controller held. Headings are `unwrapped` first.
         """
-        table = self.values.copy()
+        data = self.unwrapped()
+        table = data.values.copy()
         for a, b in zip(self.starts, self.stops, strict=True):
             for name in self.inputs:
-                x = self.values[a:b, self.index(name)]
+                x = data.values[a:b, self.index(name)]
                 table[a : b - 1, self.index(name)] = 0.5 * (x[:-1] + x[1:])
-        return replace(self, values=table, notes=(*self.notes, "inputs are means over each sample interval"))
+        return replace(data, values=table, notes=(*data.notes, "inputs are means over each sample interval"))
 
     def detrend(self, offsets: Mapping[str, float] | None = None) -> tuple[Self, dict[str, float]]:
         """Subtract offsets from inputs and outputs, by default their means; gives what was subtracted, too. [SI]
 
-        Give the training data's offsets to treat test data alike.
+        Give the training data's offsets to treat test data alike. Headings are `unwrapped` first.
         """
-        names = (*self.inputs, *self.outputs)
-        used = dict(offsets) if offsets is not None else {n: float(self[n].mean()) for n in names}
-        table = self.values.copy()
+        data, names = self.unwrapped(), (*self.inputs, *self.outputs)
+        used = dict(offsets) if offsets is not None else {n: float(data[n].mean()) for n in names}
+        table = data.values.copy()
         for name, value in used.items():
             table[:, self.index(name)] -= value
-        return replace(self, values=table), used
+        return replace(data, values=table), used
 
     def require_dt(self, dt: float, who: str = "the model") -> None:
         """Raise a SampleTimeError if the data's sample time differs by more than 1e-6 of ``dt``; ``who`` asks."""

@@ -206,7 +206,7 @@ def _residual_section(outcome: Outcome, command: str) -> Iterator[report.Section
 def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     q, data = outcome.quality, outcome.data
     used = {*data.inputs, *data.outputs}
-    noticed = [f for f in (*q.spikes, *q.jumps, *q.clippings) if f.channel in used]
+    noticed = [f for f in (*q.spikes, *q.jumps, *q.wraps, *q.clippings) if f.channel in used]
     items = [report.Finding(sentence=q.clock_sentence)]
     items += [report.Finding(sentence=f.sentence, tone="fair") for f in noticed]
     plain = [f for f in (*q.stretches, *q.offsets, *q.excitations, *q.resolutions) if f.channel in used]

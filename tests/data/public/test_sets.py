@@ -186,7 +186,9 @@ def test_dart():
         speed = np.hypot(part["v_x"], part["v_y"])
         assert speed.max() < 3.5
     assert any("interpolated linearly" in n for n in data.notes)
-    assert any("spikes of psi" in n for n in data.notes)
+    assert any("psi wraps" in n for n in data.notes)
+    assert not any("spikes of psi" in n for n in data.notes)  # where it wraps, as logged it steps by 0.05 at most
+    assert max(np.abs(np.diff(part["psi"])).max() for part in data) < 0.05
 
 
 def test_dart_steps():

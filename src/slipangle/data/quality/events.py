@@ -1,4 +1,4 @@
-"""Spikes and jumps in a recording: found, named with time and size, and removed only on request."""
+"""Spikes, jumps and angles that wrap in a recording: found, named with time and size, and removed only on request."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +9,11 @@ from scipy import ndimage
 
 from slipangle import units
 from slipangle.data.dataset import Dataset
+from slipangle.data.headings import TURN, is_heading, wraps
 from slipangle.errors import ParameterError, UnitError
 
 _ALONE = 1.5  # of the largest step near by, which a spike exceeds: the summit of a steep signal does not
+_NEAR_TURN = 0.1  # of a turn, within which a leap of any angle is one
 _NORMAL_P99 = 2.5758  # 99 % of a normal law lies within this many standard deviations
 FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
 """Largest believable change per second, by quantity, SI: no tire accelerates a car by more than about 1.5 g."""
@@ -54,6 +56,26 @@ class Jump(Event):
     def sentence(self) -> str:
         """The finding in words."""
         return f"{self.channel} jumps by {self.read} in one sample at t = {self.t:.2f} s"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wrap(Event):
+    """An angle that starts again after a full turn, at the first sample after the first leap."""
+
+    rows: tuple[int, ...]  # after every leap
+    heading: bool  # whether it is known as one: then it is unwrapped before anything is interpolated
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        first = f"{self.channel} leaps by a full turn at t = {self.t:.2f} s"
+        count = f", the first of {len(self.rows)} such leaps" if len(self.rows) > 1 else ""
+        if self.heading:
+            return f"{first}{count}: an angle that wraps; data.unwrapped() lets it go on, as models have it"
+        return (
+            f"{first}{count}: an angle that wraps, and what interpolates runs through its half turn: unwrap it, or "
+            "call it a heading"
+        )
 
 
 def _spread(residual: np.ndarray) -> float:
@@ -198,6 +220,27 @@ def find_jumps(
             ]
         offset += len(x)
     return tuple(jumps)
+
+
+def find_wrap(data: Dataset, channel: str) -> Wrap | None:
+    """Leaps of a full turn of a channel in rad, of a heading all beyond half a turn; None where there are none.
+
+    Raises MissingColumnError if there is no such channel.
+    """
+    unit, rows = data.unit(channel), list[int]()
+    heading = is_heading(channel, unit)
+    if not heading and unit != "rad":
+        return None
+    x = data[channel]
+    for a, b in zip(data.starts, data.stops, strict=True):
+        leaps = a + 1 + wraps(x[a:b])
+        whole = np.abs(np.abs(x[leaps] - x[leaps - 1]) / TURN - 1) < _NEAR_TURN
+        rows += leaps[heading | whole].tolist()
+    if not rows:
+        return None
+    first, size = rows[0], float(x[rows[0]] - x[rows[0] - 1])
+    at = {"row": first, "t": float(data.t[first]), "size": size, "unit": unit}
+    return Wrap(channel=channel, rows=tuple(rows), heading=heading, **at)
 
 
 def _quantity(unit: str) -> str:

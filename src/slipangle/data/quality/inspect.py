@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
-from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
+from slipangle.data.quality.events import Jump, Spike, Wrap, despike, find_jumps, find_spikes, find_wrap, level_step
 from slipangle.errors import ExcitationError, TooShortError
 from slipangle.shown import Shown
 from slipangle.units import read_in
@@ -161,6 +161,7 @@ class DataReport(Shown):
     offsets: tuple[Offset, ...]  # of channels that should be zero when the car drives straight
     stretches: tuple[Stretch, ...]  # in which a channel stands still
     clippings: tuple[Clipping, ...]  # channels that rest at an end of their range
+    wraps: tuple[Wrap, ...]  # angles that start again after a full turn
     duration: float
     resolutions: tuple[Resolution, ...]  # steps in which channels come
     excitations: tuple[Excitation, ...]  # how inputs move
@@ -181,9 +182,9 @@ class DataReport(Shown):
         return f"{text}, {between}" + (f", the longest gap {longest:.3g} s" if longest > 0 else "")
 
     @property
-    def findings(self) -> tuple[Spike | Jump | Delay | Offset | Stretch | Clipping | Resolution | Excitation, ...]:
+    def findings(self) -> tuple[Spike | Jump | Wrap | Delay | Seen, ...]:
         """All findings, the most alarming kind first."""
-        wrong = (*self.spikes, *self.jumps, *self.clippings, *self.stretches)
+        wrong = (*self.spikes, *self.jumps, *self.wraps, *self.clippings, *self.stretches)
         return (*wrong, *self.offsets, *self.delays, *self.excitations, *self.resolutions)
 
     @property
@@ -217,11 +218,15 @@ def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataRe
     distort. The inputs and outputs of the data say which delays to estimate; ``width`` and ``threshold`` are those of
     `find_spikes` (samples; multiples of the usual scatter [-]), which raises ParameterError where they make no sense.
     """
-    spikes, jumps, clean = [], [], data
+    going_on = data.unwrapped()
+    spikes, jumps, turns, clean = [], [], [], going_on
     for name in data.names:
-        marked = find_spikes(data, name, width=width, threshold=threshold)
+        marked = find_spikes(going_on, name, width=width, threshold=threshold)
         spikes += marked
-        jumps += find_jumps(data, name, threshold=threshold, skip=marked)
+        wrap = find_wrap(data, name)
+        turns += [wrap] if wrap else []
+        found = find_jumps(going_on, name, threshold=threshold, skip=marked)
+        jumps += [jump for jump in found if not wrap or jump.row not in wrap.rows]
         clean = despike(clean, name, width, threshold)[0] if marked else clean
     ends = [t0 + (b - a) * data.dt for t0, a, b in zip(data.start_times, data.starts, data.stops, strict=True)]
     return DataReport(
@@ -237,6 +242,7 @@ def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataRe
         stretches=tuple(s for n in data.names if (s := _stretch(data, n))),
         clippings=tuple(c for n in data.names for c in _clippings(data, n)),
         resolutions=tuple(r for n in data.names if (r := _resolution(data, n)).sentence),
+        wraps=tuple(turns),
         excitations=tuple(_excitation(clean, n) for n in data.inputs),
         notes=data.notes,
     )

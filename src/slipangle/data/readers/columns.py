@@ -13,6 +13,7 @@ from slipangle.data.channels import STANDARD
 from slipangle.data.clock import JITTER, find_grid, lost
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.expression import Expression
+from slipangle.data.headings import continued, wrap_note
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.derived import derive, keep
 from slipangle.data.readers.tables import DATE, ArrayTable, ChannelTable, Header, find_column, prefetch
@@ -255,6 +256,7 @@ def _on_grids(
     table: ChannelTable,
     stamps: np.ndarray,
     values: np.ndarray,
+    channels: Sequence[Channel],
     rows: Sequence[int],
     borders: Sequence[int],
     dt: float | None,
@@ -266,11 +268,14 @@ def _on_grids(
     ``rows`` are those of the table that stamps and values are of, ``borders`` where each experiment begins and ends.
     """
     tables, starts, times, notes, count, filled = [], [], [], [], 0, 0
+    names, unit_of, wrapped = [c.name for c in channels], [c.unit for c in channels], list[str]()
     for a, b in pairwise(borders):
         own, part, of = stamps[a:b], values[a:b], np.asarray(rows[a:b])
         gone = lost(own)
         gone = gone[of[gone + 1] == of[gone] + 1]  # in the file, and not cut on request
         if len(gone):
+            part, found = continued(part, names, unit_of)
+            wrapped += found
             own = np.insert(own, gone + 1, (own[gone] + own[gone + 1]) / 2)
             part = np.insert(part, gone + 1, (part[gone] + part[gone + 1]) / 2, axis=0)
             of, filled = np.insert(of, gone + 1, of[gone]), filled + len(gone)
@@ -280,6 +285,9 @@ def _on_grids(
             how = {"jitter": jitter, "shortest": shortest, "what": table.name}
             grid = find_grid(own, dt=dt, row_name=lambda k, of=of: table.row_name(int(of[k])), **how)
             dt = dt or grid.dt
+            if not grid.exact:
+                part, found = continued(part, names, unit_of)
+                wrapped += found
             piece, begins = grid.onto(own, part)
             clock = grid.start_times
             notes += grid.notes
@@ -291,9 +299,11 @@ def _on_grids(
         raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
     if filled:
         notes.append(f"{filled} single sample{'s that were' if filled > 1 else ' that was'} lost: filled in linearly")
+    if wrapped:  # then in every experiment alike
+        tables = [continued(piece, names, unit_of)[0] for piece in tables]
     joined = tables[0] if len(tables) == 1 else np.vstack(tables)
     joined.setflags(write=False)  # it is nobody else's: a data set need not copy it
-    return {"values": joined, "starts": starts, "start_times": times, "dt": dt, "notes": notes}
+    return {"values": joined, "starts": starts, "start_times": times, "dt": dt, "notes": [*notes, *wrap_note(wrapped)]}
 
 
 def assemble(
@@ -354,7 +364,7 @@ def assemble(
     borders = [0, len(rows)]
     if label is not None:
         borders = [0, *(np.flatnonzero(np.diff(table.numbers(label)[whole]) != 0) + 1).tolist(), len(rows)]
-    uniform = _on_grids(table, stamps, values, rows, borders, dt, jitter if t is not None else 0.0, shortest)
+    uniform = _on_grids(table, stamps, values, channels, rows, borders, dt, jitter if t is not None else 0.0, shortest)
     return Dataset(
         channels=channels,
         inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),

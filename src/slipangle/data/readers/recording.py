@@ -10,6 +10,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.expression import Expression
+from slipangle.data.headings import TURN, is_heading, unwrapped, wrap_note, wraps
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.columns import assemble, time_of
 from slipangle.data.readers.tables import ArrayTable, ChannelTable, Header
@@ -262,6 +263,7 @@ def _merged(
         named.setdefault(_full(recording, topic, i), (topic, i))
     clocks, said = _clocks(recording, [topic for topic, _ in named.values()], time)
     series = {key: _series(recording, place, clocks[place[0]]) for key, place in named.items()}
+    said += _unwrap(series, named, places, wanted)
     first = max((s.t[0], k) for k, s in series.items())
     last = min((s.t[-1], k) for k, s in series.items())
     step = min(s.dt for s in series.values())
@@ -289,6 +291,28 @@ def _merged(
     at = {place: i + 1 for i, place in enumerate(named.values())}
     table = ArrayTable(name=f"'{recording.name}'", headers=headers, values=values)
     return table, {n: at[place] for n, place in places.items()}, said
+
+
+def _unwrap(
+    series: dict[str, Signal],
+    named: Mapping[str, tuple[str, int]],
+    places: Mapping[str, tuple[str, int]],
+    wanted: Mapping[str, Column],
+) -> tuple[str, ...]:
+    """Headings among the columns without leaps of a full turn, in their own numbers; a note where there were some."""
+    wrapped = []
+    for key, place in named.items():
+        s, users = series[key], [n for n, other in places.items() if other == place]
+        column = wanted[users[0]] if users else Column(key)
+        unit = column.unit if column.unit is not None else s.unit
+        if not any(is_heading(n, unit) for n in users or (s.name,)):
+            continue
+        ends = column.converted(np.array([0.0, 1.0]), unit or "rad", None, key)
+        turn = TURN / abs(float(ends[1] - ends[0]))
+        if len(wraps(s.values, turn)):
+            series[key] = replace(s, values=unwrapped(s.values, turn))
+            wrapped.append(users[0] if users else key)
+    return wrap_note(wrapped)
 
 
 def _full(recording: Recording, topic: str, i: int) -> str:
