@@ -64,6 +64,18 @@ VARIANTS = {
         gate=6.0,
         bias_std={"r": 0.01},
     ),
+    "one state": sa.EKF(
+        start=sa.Ode(
+            f=lambda x, u, p: [-p.a * x[0] + u[0] * u[1] / 20],
+            states=("x",),
+            inputs=("u", "v_x"),
+            params={"a": 1.0},
+            dt=0.1,
+        ),
+        noise_std={"x": 0.05},
+        process_std={"x": 0.02},
+        gate=5.0,
+    ),
     "parameters": sa.EKF(start=CAR, free=("C_f", "C_r"), noise_std=NOISE, process_std=WANDER, walk_std={"C_f": 0.01}),
 }
 EACH = pytest.mark.parametrize("variant", VARIANTS)

@@ -23,6 +23,7 @@ MORE = {
     "observer": {"horizon": 8, "limits": {"v_y": 0.5}},
     "late, gate, offsets": {"horizon": 6},
     "many steps": {"horizon": 6},
+    "one state": {"horizon": 6},
     "parameters": {"horizon": 5, "gate": 5.0},
 }
 

@@ -241,6 +241,14 @@ MUTANTS = [
     ),
     *mistakes(
         "estimate/filter.py",
+        "estimate/test_one_state.py",
+        [
+            ("Kalman: a single state makes two", "ca.vertcat(later, z[nx:, 0])", "ca.vertcat(later, z[nx:])"),
+            ("Kalman: nor may nothing be cut off it", "new[nx + nq :, 0])", "new[nx + nq :])"),
+        ],
+    ),
+    *mistakes(
+        "estimate/filter.py",
         "estimate/test_ekf.py",
         [
             (

@@ -146,11 +146,12 @@ def _with_others(step: S, settings: Any, kind: Any) -> S:
     nx, nq, others = settings.start.n_states, len(settings.free), len(settings.bias_std)
     z, u = kind.sym("z", nx + nq + others), kind.sym("u", settings.start.n_inputs)
 
+    # z[nx:] of a single number is a row without columns, which vertcat makes a zero of; z[nx:, 0] is no row
     def joined(later: Any, *by: Any) -> list[Any]:
         same = ca.horzcat(kind(nq + others, nx), kind.eye(nq + others))
-        return [ca.vertcat(later, z[nx:]), *([ca.vertcat(ca.horzcat(*by, kind(nx, others)), same)] if by else [])]
+        return [ca.vertcat(later, z[nx:, 0]), *([ca.vertcat(ca.horzcat(*by, kind(nx, others)), same)] if by else [])]
 
-    return followed(step, [z, u], [z[:nx], z[nx : nx + nq], u], joined)
+    return followed(step, [z, u], [z[:nx, 0], z[nx : nx + nq, 0], u], joined)
 
 
 def told(settings: Any, scales: Scales) -> ca.Function:
@@ -160,7 +161,7 @@ def told(settings: Any, scales: Scales) -> ca.Function:
     kind, _, output = moving(model, settings.free, scales)
     z, u = kind.sym("z", nx + nq + len(biased)), kind.sym("u", model.n_inputs)
     offsets = [z[nx + nq + biased.index(name)] if name in biased else 0.0 for name in model.outputs]
-    y = output(z[:nx], z[nx : nx + nq], u) + ca.vertcat(*offsets)
+    y = output(z[:nx, 0], z[nx : nx + nq, 0], u) + ca.vertcat(*offsets)
     return ca.Function("told", [z, u], [ca.densify(y), *jacobians([y], [z])])
 
 
@@ -204,8 +205,9 @@ def filter_step(settings: Any, scales: Scales) -> Repeated | ca.Function:
             keep = kind.eye(n) - ca.mtimes(gain, h)
             covariance = _symmetric(ca.mtimes(keep, ca.mtimes(covariance, keep.T)) + noise * ca.mtimes(gain, gain.T))
         new = ahead + shift
-        q = ca.fmin(ca.fmax(new[nx : nx + nq], ca.DM(scales.lower)), ca.DM(scales.upper)) if nq else new[nx : nx + nq]
-        new = ca.vertcat(new[:nx], q, new[nx + nq :])
+        q = new[nx : nx + nq, 0]
+        q = ca.fmin(ca.fmax(q, ca.DM(scales.lower)), ca.DM(scales.upper)) if nq else q
+        new = ca.vertcat(new[:nx, 0], q, new[nx + nq :, 0])
         return [ca.densify(r) for r in (new, covariance, error, ca.vertcat(*spread), ca.vertcat(*taken))]
 
     return followed(step, [z, P, before, u, y, seen, gate, dt], [z, before], corrected)

@@ -280,7 +280,7 @@ class Joined(OCP):
         n, nu, once = base.model.n_states, len(base.controls), len(base.decided_once)
         back = ca.vertcat(*(w[self.exogenous.index(f"@{name}")] for name in base.model.states if self.ends.size > 1))
         if not once:
-            later = ca.vertcat(back, x[n:])
+            later = ca.vertcat(back, x[n:, 0])
         elif self.ends.size == 1:
             later = ca.vertcat(x[:n], u[nu : nu + once])
         else:
