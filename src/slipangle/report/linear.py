@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from slipangle.report.tables import Heading, Row, Table, number, to_digit
 from slipangle.units import read_in, shows_si, speed_said
 
 _DEG = 180 / np.pi
+_FACTOR = np.exp(quantile(0.95))  # from the line to the ends of the widest band
 # Quantities as people read them: factor and unit.
 _READ = {
     "rad/(m/s2)": (_DEG, "deg/(m/s2)"),
@@ -57,13 +57,21 @@ def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
         colour, dash = series_style(index)
         name = escape(one.name)
         own: dict[str, Any] = {"legendgroup": name, "name": name}
-        ends = {"magnitude_std": np.minimum(one.magnitude_std, 1.0), "phase_std": np.minimum(one.phase_std, np.pi / 2)}
-        shown = replace(one, **ends)
-        _band(figure, one.frequency, shown.magnitude_band(), index, legendgroup=name)
+        gain, turned = one.magnitude[:, None], one.phase[:, None]
+        with np.errstate(over="ignore"):
+            shown = np.clip(one.magnitude_band(), gain / _FACTOR, gain * _FACTOR)
+        _band(figure, one.frequency, shown, index, legendgroup=name)
         hover = "%{x:.3g} Hz: %{y:.4g}"
         line(figure, one.frequency, one.magnitude, colour, dash=dash, hovertemplate=hover, **own)
         below: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
-        _band(figure, one.frequency, turn * shown.phase_band(), index, "y2", legendgroup=name)
+        _band(
+            figure,
+            one.frequency,
+            turn * np.clip(one.phase_band(), turned - np.pi, turned + np.pi),
+            index,
+            "y2",
+            legendgroup=name,
+        )
         line(figure, one.frequency, turn * one.phase, colour, dash=dash, hovertemplate=hover, **own, **below)
         if one.coherence is not None:
             last: dict[str, Any] = {"yaxis": "y3", "showlegend": False}

@@ -9,6 +9,7 @@ from scipy import signal
 import slipangle as sa
 from slipangle.data.signals.excitation import multisine
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.models.analysis.spectral_bands import gain_limits, phase_half
 
 A, B, DT = 0.8, 0.3, 0.02
 
@@ -61,6 +62,56 @@ def test_bands_hold_as_often_as_they_say(starts):
         phase = np.abs(np.angle(found.value / true)) <= 1.959964 * found.phase_std
         inside.append([np.mean((low <= np.abs(true)) & (np.abs(true) <= high)), np.mean(phase)])
     assert np.mean(inside, axis=0) == pytest.approx([0.95, 0.95], abs=0.03)
+
+
+def hidden(seed, b=(0.0, 1.0, 0.5), a=(1.0, -1.5, 0.7), dt=0.05):
+    """A resonance in coloured noise, of which most hides what follows the input."""
+    rng = np.random.default_rng(seed + 500)
+    u = rng.standard_normal(4000)
+    y = signal.lfilter(b, a, u) + 2 * signal.lfilter([1], [1, -0.5], rng.standard_normal(4000))
+    found = sa.frequency_response(sa.Dataset.from_arrays({"u": u}, {"y": y}, dt), "y", "u")
+    return found, signal.freqz(b, a, 2 * np.pi * found.frequency * dt)[1]
+
+
+def test_bands_hold_at_any_coherence():
+    """Over 150 sets, by the median coherence of the line: 95 % of gains and phases, no less where noise hides all."""
+    gains, phases, coherences = [], [], []
+    for seed in range(150):
+        found, true = hidden(seed)
+        low, high = found.magnitude_band().T
+        gains.append((low <= abs(true)) & (abs(true) <= high))
+        half = np.diff(found.phase_band())[:, 0] / 2
+        phases.append(np.abs(np.angle(found.value / true)) <= half)
+        coherences.append(found.coherence)
+    usual = np.median(coherences, axis=0)
+    for low, high in ((0, 0.05), (0.05, 0.1), (0.1, 0.2), (0.2, 0.4), (0.4, 1)):
+        at = (usual >= low) & (usual < high)
+        assert at.sum() > 5
+        for held in (np.array(gains)[:, at].mean(), np.array(phases)[:, at].mean()):
+            assert 0.935 < held < 0.99, (low, high)
+    assert np.min(found.magnitude_band()[:, 0]) == 0
+    assert np.abs(np.diff(found.phase_band())).max() == pytest.approx(2 * np.pi)
+    assert len(found.plot().data) == 5
+
+
+@pytest.mark.parametrize("freedom", [6.0, 14.0, 76.0])
+@pytest.mark.parametrize("gain", [0.0, 0.5, 1.0, 2.0, 4.0, 10.0, 40.0])
+def test_limits_of_a_gain_cover_it(freedom, gain):
+    """A gain in normal noise of unit deviation, which is estimated: from none to far above the noise."""
+    rng, n = np.random.default_rng(1), 20000
+    seen = gain + rng.standard_normal(n) + 1j * rng.standard_normal(n)
+    s = np.sqrt(rng.chisquare(freedom, n) / freedom) / np.abs(seen)
+    low, high = gain_limits(s, freedom, 0.95).T * np.abs(seen)
+    assert 0.94 < np.mean((low <= gain) & (gain <= high)) < 0.98
+    assert (high >= np.abs(seen)).all()
+    assert 0.94 < np.mean(np.abs(np.angle(seen)) <= phase_half(s, freedom, 0.95)) <= 1
+
+
+def test_limits_of_a_clear_gain_are_students():
+    s = np.array([0.0, 1e-6, 0.01, 0.0499, 0.0501])
+    half = 2.2281388520 * s  # Student's t, ten degrees of freedom
+    assert gain_limits(s, 10.0, 0.95) == pytest.approx(np.column_stack([1 - half, 1 + half]), abs=2e-3)
+    assert phase_half(s, 10.0, 0.95) == pytest.approx(half, abs=3e-4)
 
 
 def test_a_car_lies_within_the_band_of_its_own_log():

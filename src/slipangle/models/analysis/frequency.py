@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal, stats
+from scipy import signal
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError, nearest
 from slipangle.models.analysis.responses import FrequencyResponse
+from slipangle.models.analysis.spectral_bands import student
 
 _AVERAGES = 8  # segments that the usual resolution leaves
 _LEAST = 4  # segments below which coherence says nothing
@@ -30,7 +31,8 @@ def frequency_response(
 
     The spectra are means over half-overlapping segments with a Hann window, of every experiment, each segment without
     its trend; the response is the cross spectrum over the input's (H1), which noise on the output does not bias. Bands
-    are those of Bendat and Piersol, from the coherence and the number of segments. Left out are lines where the input
+    come of the coherence and the number of segments, which the noise is estimated from ([1]_ sec. 9.2); they hold at
+    any coherence. Left out are lines where the input
     has hardly any power, and the lowest, which the trend is taken from. What other inputs do is noise to this estimate:
     drive at one speed.
 
@@ -86,7 +88,8 @@ def frequency_response(
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = np.where(s_yy > 0, np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0)[kept].clip(0.0, 1.0)
         independent = count / (1 + 2 * _OVERLAP * (count - 1) / count)
-        std = np.sqrt((1 - coherence) / (2 * independent * coherence))
+        freedom = 2 * (independent - 1)
+        std = student(freedom) * np.sqrt((1 - coherence) / (freedom * coherence))
     return FrequencyResponse(
         frequency=f[kept],
         value=(s_uy / s_uu)[kept],
@@ -97,6 +100,7 @@ def frequency_response(
         unit=per(data.unit(y_name), data.unit(u_name)),
         name=data.name,
         coherence=coherence,
+        freedom=freedom,
     )
 
 
@@ -136,8 +140,8 @@ def _periodic(data: Dataset, y_name: str, u_name: str, period: float, settled: i
     above, below = mean_y[kept], mean_u[kept]
     cross = np.real(both[kept] / (above * below.conj()))
     relative = var_y[kept] / np.abs(above) ** 2 + var_u[kept] / np.abs(below) ** 2 - 2 * cross
-    few = stats.t.ppf(0.975, 2 * (count - 1)) / stats.norm.ppf(0.975)
-    std = few * np.sqrt(np.maximum(relative, 0.0) / (2 * count))
+    freedom = 2.0 * (count - 1)
+    std = student(freedom) * np.sqrt(np.maximum(relative, 0.0) / (2 * count))
     return FrequencyResponse(
         frequency=f[kept],
         value=above / below,
@@ -148,6 +152,7 @@ def _periodic(data: Dataset, y_name: str, u_name: str, period: float, settled: i
         unit=per(data.unit(y_name), data.unit(u_name)),
         name=data.name,
         coherence=np.abs(above) ** 2 / (np.abs(above) ** 2 + var_y[kept]),
+        freedom=freedom,
     )
 
 

@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from slipangle.models.analysis.spectral_bands import gain_limits, phase_half, student
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -49,9 +51,12 @@ class FrequencyResponse:
     value : array of complex, shape (n,)
         Output over input, in their units.
     magnitude_std, phase_std : array, shape (n,)
-        Standard deviations of the logarithm of the magnitude [-] and of the phase [rad]; NaN where not known.
+        Standard deviations of the logarithm of the magnitude [-] and of the phase [rad]; NaN where not known. Of data
+        they are times Student's quantile over the normal one, and hold where they are small.
     coherence : array, shape (n,), optional
         Of data: share of the output's power that follows the input, 0 to 1.
+    freedom : float, optional
+        Of data: degrees of freedom that the noise is estimated with.
     """
 
     frequency: np.ndarray
@@ -63,6 +68,7 @@ class FrequencyResponse:
     unit: str = "-"
     name: str = "model"
     coherence: np.ndarray | None = None
+    freedom: float | None = None
 
     @property
     def magnitude(self) -> np.ndarray:
@@ -80,13 +86,26 @@ class FrequencyResponse:
         return -self.phase / (2 * np.pi * self.frequency)
 
     def magnitude_band(self, level: float = 0.95) -> np.ndarray:
-        """Confidence band of the magnitude, shape (n, 2); it is even on a logarithmic scale."""
+        """Confidence band of the magnitude, shape (n, 2).
+
+        Of a model it is even on a logarithmic scale. Of data it holds at any coherence, and begins at zero where the
+        gain is not told from none.
+        """
+        if self.freedom is not None:
+            limits = gain_limits(self.magnitude_std / student(self.freedom), self.freedom, level)
+            return self.magnitude[:, None] * limits
         factor = np.exp(quantile(level) * self.magnitude_std)
         return np.column_stack([self.magnitude / factor, self.magnitude * factor])
 
     def phase_band(self, level: float = 0.95) -> np.ndarray:
-        """Confidence band of the phase, shape (n, 2). [rad]"""
-        half = quantile(level) * self.phase_std
+        """Confidence band of the phase, shape (n, 2). [rad]
+
+        Of data it is half a turn to either side where the gain is not told from none.
+        """
+        if self.freedom is not None:
+            half = phase_half(self.phase_std / student(self.freedom), self.freedom, level)
+        else:
+            half = quantile(level) * self.phase_std
         return np.column_stack([self.phase - half, self.phase + half])
 
     def plot(self, *others: FrequencyResponse, kind: Literal["bode", "nyquist"] = "bode") -> Any:
