@@ -17,6 +17,7 @@ _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {  # quantity: SI unit; u
     "ratio": ("-", {"-": 1.0, "%": 0.01}),
     "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}),
     "length": ("m", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}),
+    "curvature": ("1/m", {"1/m": 1.0, "1/km": 1e-3}),
     "speed": ("m/s", {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}),
     "acceleration": ("m/s2", {"m/s2": 1.0, "g": 9.80665}),
     "angle": ("rad", {"rad": 1.0, "deg": math.pi / 180}),
@@ -68,6 +69,11 @@ def known(unit: str) -> bool:
     (True, False)
     """
     return not raises(UnitError, canonical, unit)
+
+
+def names() -> tuple[str, ...]:
+    """Every unit of the table."""
+    return tuple(_UNITS)
 
 
 def si_unit(unit: str) -> str:

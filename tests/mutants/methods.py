@@ -870,6 +870,11 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "data/readers/derived.py",
+        "data/readers/test_csv.py",
+        [("derive: a unit that is not known is SI", "if not units.known(header.unit):", "if not header.unit:")],
+    ),
+    *mistakes(
         "data/headings.py",
         "data/test_headings.py",
         [

@@ -502,6 +502,27 @@ def test_a_derived_channel_takes_channels_before_columns(log):
     assert data.unit("r") == "rad/s"
 
 
+UNITS = "t,speed [km/h],curvature [1/km],lat [mG],bare\n" + "\n".join(
+    f"{0.1 * k:.1f},36,{k},500,{k}" for k in range(20)
+)
+
+
+def test_a_derived_channel_takes_columns_in_the_unit_that_they_name(log):
+    columns = {"v_x": "speed", "r": Column(derive="curvature * v_x"), "q": Column(derive="bare + 1")}
+    data = read_csv(log(UNITS), columns)
+    np.testing.assert_allclose(data["r"], 0.001 * np.arange(20) * 10, atol=1e-12)
+    np.testing.assert_allclose(data["q"], np.arange(20) + 1)
+
+
+def test_a_unit_that_is_not_known_is_refused_in_what_is_derived_too(log):
+    path = log(UNITS)
+    for settings in ({"columns": {"a_y": Column(derive="lat + 0")}}, {"columns": ["bare"], "filter": "lat > 0"}):
+        with pytest.raises(errors.UnitError, match=r"column 'lat' of .* is in 'mG', .* nearest are .*Column\('lat'"):
+            read_csv(path, **settings)
+    own = {"lateral": Column("lat", "-", scale=0.00980665), "a_y": Column(derive="lateral - 0.1")}
+    assert read_csv(path, own)["a_y"][0] == pytest.approx(4.803325)
+
+
 @pytest.mark.parametrize(
     ("columns", "settings", "kind", "said"),
     [

@@ -10,8 +10,8 @@ from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.expression import Expression
 from slipangle.data.readers.column import Column
-from slipangle.data.readers.tables import ChannelTable, find_column
-from slipangle.errors import FormatError, MissingColumnError, ParameterError, nearest, shown
+from slipangle.data.readers.tables import DATE, ChannelTable, find_column
+from slipangle.errors import FormatError, MissingColumnError, ParameterError, UnitError, nearest, shown
 
 Picked = dict[str, tuple[np.ndarray, str]]  # SI values, shape (n,), and their unit, by channel
 
@@ -19,7 +19,8 @@ Picked = dict[str, tuple[np.ndarray, str]]  # SI values, shape (n,), and their u
 def derive(table: ChannelTable, chosen: Mapping[str, Column], picked: Picked, t: np.ndarray | None) -> Picked:
     """All channels in the order of ``chosen``: those read, and those that an expression of others gives.
 
-    Raises MissingColumnError, FormatError or UnitError if an expression names no channel, is none, or needs itself.
+    Raises MissingColumnError, FormatError or UnitError if an expression names no channel, needs itself, or takes a
+    column of a unit that is not known.
     """
     waiting = {name: Expression(str(c.derive)) for name, c in chosen.items() if c.derive}
     while waiting:
@@ -43,7 +44,7 @@ def derive(table: ChannelTable, chosen: Mapping[str, Column], picked: Picked, t:
 def keep(table: ChannelTable, condition: str, picked: Picked, t: np.ndarray | None) -> tuple[np.ndarray, str]:
     """Rows for which a condition holds (bool), and a note.
 
-    Raises ParameterError if it holds for none or is no condition.
+    Raises ParameterError if it holds for none or is no condition, UnitError if a column's unit is not known.
     """
     expression = Expression(condition)
     rows = _evaluated(table, expression, picked, t, "the filter")
@@ -79,7 +80,7 @@ def _evaluated(
 
 
 def _column_si(table: ChannelTable, name: str, picked: Picked, what: str, text: str) -> np.ndarray:
-    """A column of the file in SI units where its heading says a unit that is known, else as it is."""
+    """A column of the file in SI units where its heading says one, else as it is."""
     try:
         i = find_column(table, name, what)
     except MissingColumnError:
@@ -88,5 +89,13 @@ def _column_si(table: ChannelTable, name: str, picked: Picked, what: str, text: 
             f"{what} follows from {shown(text)}, but {table.name} has no channel or column {shown(name)}; "
             f"{nearest(name, known)}: correct the name"
         ) from None
-    unit = table.headers[i].unit
-    return units.to_si(table.numbers(i), unit) if unit and units.known(unit) else table.numbers(i)
+    header = table.headers[i]
+    if not header.unit or header.unit == DATE:
+        return table.numbers(i)
+    if not units.known(header.unit):
+        raise UnitError(
+            f"{what} follows from {shown(text)}, where column '{header.name}' of {table.name} is in {header.unit!r}, "
+            f"which is no unit that is known; {nearest(header.unit, units.names())}: convert it as a channel of its "
+            f"own, such as Column('{header.name}', '-', scale=0.001), and derive from that"
+        )
+    return units.to_si(table.numbers(i), header.unit)
