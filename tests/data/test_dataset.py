@@ -1,5 +1,7 @@
 """The Dataset: experiments stay apart, splits never mix, resampling keeps what lies below the corner."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -250,3 +252,39 @@ def test_short_experiments_survive(n):
     data = make(n).resample(0.04)
     assert data.n_samples == (n - 1) // 4 + 1
     assert np.isfinite(data.values).all()
+
+
+# ---- equality ----------------------------------------------------------------------------------------------------
+
+
+def test_equal_data_are_equal_and_have_one_hash():
+    one = make(starts=(0, 40), inputs=("u",), outputs=("y",), notes=("as logged",))
+    same = make(starts=(0, 40), inputs=("u",), outputs=("y",), notes=("as logged",))
+    assert one == same
+    assert hash(one) == hash(same)
+    assert len({one, same}) == 1
+    assert one in [None, same]
+    assert one != "data"
+    assert one != None  # noqa: E711
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.with_channel("u", d["u"] + 1e-12, "rad"),
+        lambda d: d.with_channel("u", d["u"], "deg"),
+        lambda d: d.with_channel("w", d["u"]),
+        lambda d: d.with_note("touched"),
+        lambda d: d.select(inputs=()),
+        lambda d: d.select(outputs=("u",)),
+        lambda d: d.rows(0, 99),
+        lambda d: replace(d, dt=0.02),
+        lambda d: replace(d, name="other"),
+        lambda d: replace(d, starts=(0, 41)),
+        lambda d: replace(d, start_times=(0.0, 11.0)),
+    ],
+)
+def test_data_that_differ_in_anything_are_not_equal(change):
+    one = make(starts=(0, 40), inputs=("u",), outputs=("y",))
+    assert one != change(one)
+    assert change(one) == change(one)

@@ -35,6 +35,7 @@ def assert_equal(a, b):
     np.testing.assert_array_equal(a.values, b.values)
     for name in ("channels", "dt", "inputs", "outputs", "name", "starts", "start_times", "notes"):
         assert getattr(a, name) == getattr(b, name), name
+    assert a == b
 
 
 @pytest.mark.parametrize("data", [ONE, SEVERAL], ids=["one", "several"])

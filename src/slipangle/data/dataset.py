@@ -240,6 +240,21 @@ class Dataset(InFrames, Shown):
     def __len__(self) -> int:
         return self.n_samples
 
+    def __eq__(self, other: object) -> bool:
+        """Whether samples, to the last bit, and all that is said of them are the same."""
+        if not isinstance(other, Dataset):
+            return NotImplemented
+        return self._key == other._key and np.array_equal(self.values, other.values)
+
+    def __hash__(self) -> int:
+        return hash((self._key, self.values.shape))
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        """All but the samples."""
+        roles = self.inputs, self.outputs
+        return self.channels, self.dt, *roles, self.name, self.starts, self.start_times, self.notes
+
     # ---- making new ones ---------------------------------------------------------------------------------------
 
     def select(self, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Self:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from slipangle.data.readers import read
 from slipangle.data.readers.mat5 import read_mat5
 from slipangle.errors import FormatError
 
@@ -95,3 +96,39 @@ def test_words_without_letters_in_countless_rows_take_no_time(tmp_path):
     found = read_mat5(path)
     assert found["x"] == ""
     np.testing.assert_array_equal(found["y"].ravel(), [1, 2])
+
+
+def turning(n=40):
+    return 0.01 * np.arange(n), np.exp(1j * np.arange(n))
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_of_a_complex_vector_the_real_part_is_read_with_a_note(tmp_path, compressed):
+    t, c = turning()
+    content = {"t": t, "c": c, "w": np.arange(40.0), "s": {"z": 2j * c}}
+    savemat(tmp_path / "a.mat", content, do_compression=compressed)
+    data = read(tmp_path / "a.mat", {"q": "c", "w": "w", "z": "s.z"})
+    np.testing.assert_array_equal(data["q"], c.real)
+    np.testing.assert_array_equal(data["z"], (2j * c).real)
+    said = [note for note in data.notes if "is complex: only its real part is read" in note]
+    assert [note.split("'")[1] for note in said] == ["c", "s.z"]
+
+
+def test_complex_numbers_without_an_imaginary_part_are_real(tmp_path):
+    t, c = turning()
+    savemat(tmp_path / "a.mat", {"t": t, "c": c.real.astype(complex)})
+    data = read(tmp_path / "a.mat", {"q": "c"})
+    np.testing.assert_array_equal(data["q"], c.real)
+    assert not any("complex" in note for note in data.notes)
+
+
+def test_of_a_complex_vector_in_hdf5_too(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    t, c = turning()
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        kind = [("real", "f8"), ("imag", "f8")]
+        for name, values in {"t": t, "c": np.array(list(zip(c.real, c.imag, strict=True)), dtype=kind)}.items():
+            file.create_dataset(name, data=values[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+    data = read(tmp_path / "a.mat", {"q": "c"})
+    np.testing.assert_array_equal(data["q"], c.real)
+    assert sum("'c' is complex" in note for note in data.notes) == 1

@@ -22,6 +22,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR, _OBJECT = 1, 2, 4, 17
+_COMPLEX = 0x0800  # flag of an array with an imaginary part
 _LARGEST = 2**28  # bytes of one variable after inflation
 _DEEPEST = 20
 
@@ -147,7 +148,8 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     if len(data) == 0:
         return "", np.empty((0, 0))
     flags = _element(data, 0, order)
-    kind = int(_numbers(flags, order)[0]) & 0xFF
+    word = int(_numbers(flags, order)[0])
+    kind = word & 0xFF
     if kind == _OBJECT:
         return _opaque(data, flags.end, order, depth)
     shape_element = _element(data, flags.end, order)
@@ -172,10 +174,15 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     if kind == _STRUCT:
         return name, _struct(data, at, order, count, depth)
     if 6 <= kind <= 15:
-        values = _numbers(_element(data, at, order), order)
-        if len(values) != count:
-            raise _Bad(f"'{name}' holds {len(values)} numbers, its shape is {shape}")
-        return name, values.astype(float).reshape(shape, order="F")
+        parts = []
+        for _ in range(2 if word & _COMPLEX else 1):
+            element = _element(data, at, order)
+            parts.append(_numbers(element, order).astype(float))
+            at = element.end
+            if len(parts[-1]) != count:
+                raise _Bad(f"'{name}' holds {len(parts[-1])} numbers, its shape is {shape}")
+        values = parts[0] if len(parts) == 1 or not parts[1].any() else parts[0] + 1j * parts[1]
+        return name, values.reshape(shape, order="F")
     return name, None
 
 

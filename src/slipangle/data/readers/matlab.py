@@ -83,11 +83,24 @@ def read_mat(path: Path) -> Recording:
 
 
 class Named:
-    """The objects of a file, read when a variable names one; ``notes`` has those that are left out."""
+    """The objects of a file, read when a variable names one; ``notes`` has what is left out."""
 
     def __init__(self, objects: Callable[[], Objects]) -> None:
         self._read, self._objects = objects, None
         self.notes: list[str] = []
+
+    def real(self, values: np.ndarray, way: str) -> np.ndarray:
+        """Real numbers as they are; of complex ones the real part, and a note."""
+        if values.dtype.kind != "c":
+            return values
+        self.dropped(way)
+        return values.real
+
+    def dropped(self, way: str) -> None:
+        """Note that a variable is complex."""
+        self.notes.append(
+            f"'{way[:60]}' is complex: only its real part is read; save real(), imag(), abs() or angle() of it"
+        )
 
     def vectors(self, kind: str, content: Any, way: str) -> Iterator[Vector]:
         """Vectors of one object."""
@@ -98,7 +111,8 @@ class Named:
             self.notes.append(f"'{way[:60]}' is an object of class {kind[:60]}, which is not read")
             return
         for piece in pieces:
-            yield from (v._replace(unit=piece.unit) for v in _columns(np.squeeze(piece.values), piece.way))
+            values = self.real(np.squeeze(piece.values), piece.way)
+            yield from (v._replace(unit=piece.unit) for v in _columns(values, piece.way))
 
 
 def _noted(text: Any) -> dict[str, Any]:
@@ -186,8 +200,8 @@ def _in_value(value: Any, way: str, depth: int, named: Named) -> Iterator[Vector
             found = [v for name, cell in inside.items() for v in _in_value(cell, f"{place}.{name}", depth + 1, named)]
             texts = {name.lower(): cell for name, cell in inside.items() if isinstance(cell, str)}
             yield from described(found, texts, place, way if elements > 1 else None)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        yield from _columns(np.squeeze(value) if value.ndim > 2 else value, way)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
+        yield from _columns(named.real(np.squeeze(value) if value.ndim > 2 else value, way), way)
 
 
 def _columns(values: np.ndarray, way: str) -> Iterator[Vector]:
@@ -241,11 +255,14 @@ def _in_node(node: Any, way: str, path: Path, depth: int, named: Named) -> Itera
         yield from _in_group(node, way, path, depth, named)
         return
     kind = node.attrs.get("MATLAB_class", b"double")
-    if node.dtype.kind not in "biuf" or kind in (b"char", b"cell") or node.attrs.get("MATLAB_empty", 0):
+    parts = node.dtype.names == ("real", "imag")
+    if (node.dtype.kind not in "biuf" and not parts) or kind in (b"char", b"cell") or node.attrs.get("MATLAB_empty", 0):
         return
     shape = node.shape
     if not shape or node.size > _LARGEST or len(shape) > 2:
         return
+    if parts and node.size >= _FEWEST:
+        named.dropped(way)
     address = node.name
     if len(shape) == 1 or min(shape) == 1:
         if node.size >= _FEWEST:
@@ -307,6 +324,7 @@ def _loaded(path: Path, address: str, row: int | None) -> np.ndarray:
     try:
         with h5py.File(path, "r") as file:
             node = file[address]
-            return np.asarray(node[()] if row is None else node[row], dtype=float).reshape(-1)
+            values = node["real"] if node.dtype.names else node
+            return np.asarray(values[()] if row is None else values[row], dtype=float).reshape(-1)
     except Exception as error:
         raise _damaged(path, error) from None
