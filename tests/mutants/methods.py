@@ -885,6 +885,11 @@ MUTANTS = [
         [("data are equal whatever their samples", "np.array_equal(self.values, other.values)", "True")],
     ),
     *mistakes(
+        "identify/judge/standing.py",
+        "identify/judge/test_standing.py",
+        [("verdict: the end of what grows decides", "size.max() > _MOSTLY * size.sum()", "size.max() > size.sum()")],
+    ),
+    *mistakes(
         "data/headings.py",
         "data/test_headings.py",
         [

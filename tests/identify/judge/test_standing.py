@@ -10,6 +10,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.identify.judge.baselines import baselines
 from slipangle.identify.judge.noise import noise_floor, uncertainty
+from slipangle.identify.judge.standing import _better
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.models.black_box.arx import ARXModel
@@ -232,3 +233,26 @@ def test_a_model_behind_a_simple_one_by_chance_perhaps_says_by_how_much():
     simple = replace(found.baselines[found.best], fit=100 * (1 - error / 1.4))
     behind = replace(found, better=False, worse=False, word="fair", baselines={found.best: simple})
     assert behind.reason == "its error is 1.4 times that of the simple model, which may be chance"
+
+
+@pytest.mark.filterwarnings("ignore:the model is unstable")
+@pytest.mark.parametrize(("n", "pole"), [(1000, 1.02), (400, 1.05), (400, 1.02), (400, 0.98)])
+def test_a_record_that_grows_is_not_decided_by_its_end(n, pole):
+    rng = np.random.default_rng(0)
+    u, y = rng.standard_normal(n), np.zeros(n)
+    for k in range(1, n):
+        y[k] = pole * y[k - 1] + u[k - 1]
+    data = Dataset.from_arrays({"u": u}, {"y": y + 0.05 * rng.standard_normal(n)}, 0.1)
+    train, test = data.split(0.7)
+    stands = validate(ARX(na=1, nb=1, nk=1).fit(train), test, train=train).standing["y"]
+    assert stands.score.fit > 90
+    assert stands.better
+    assert stands.word == "good"
+
+
+@pytest.mark.parametrize("growth", [0.0, 0.01, 0.05])
+def test_chance_decides_as_seldom_where_errors_grow(growth):
+    """Errors of one law: one of the two is called better at most as often as the level says, within chance."""
+    rng, size, n = np.random.default_rng(3), np.exp(growth * np.arange(200)), 1000
+    found = [_better(size * rng.standard_normal(200), size * rng.standard_normal(200)) for _ in range(n)]
+    assert np.mean(found) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / n)

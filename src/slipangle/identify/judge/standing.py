@@ -34,6 +34,7 @@ _WORSE = 1.5  # times the best simple model's error, from which a model is poor
 _BEATEN = 1.25  # the same where the simple model is better beyond chance
 _GAIN = 0.02  # of the best simple model's error, below which another is as good
 _BATCHES, _LEVEL = 10, 0.05  # of the test that the model is better than the simple one
+_MOSTLY = 0.5  # of all squared errors, from which a single stretch is most of them
 _ERRORS = 2.0  # standard errors of the noise, up to which what a model leaves is said to be noise
 
 
@@ -101,7 +102,8 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
     The simple models (`baselines.baselines`) see the inputs that the data name, are fitted to ``train`` and judged on
     the samples of ``test`` that ``run`` predicts; the noise is `noise.noise_floor` of those samples, and never more
     than the best free run leaves. That the model is better, or worse, is tested on the means of ten stretches of the
-    difference of the squared errors [1]_, at 5 % either way.
+    difference of the squared errors [1]_, at 5 % either way; of a stretch that holds most of them no more counts than
+    of the others, so a record that grows is not decided by its end.
 
     Raises MissingColumnError if ``train`` or ``test`` lacks the output or an input.
 
@@ -153,12 +155,19 @@ def _beaten(model: float, simple: float, beyond_chance: bool) -> bool:
 
 
 def _better(model: np.ndarray, simple: np.ndarray) -> bool:
-    """Whether the first errors are smaller beyond chance; neighbours in time depend on each other, stretches hardly."""
-    gain = [float(np.mean(part)) for part in np.array_split(simple**2 - model**2, min(_BATCHES, len(model)))]
-    if len(gain) < 2 or not np.isfinite(gain).all():
+    """Whether the first errors are smaller beyond chance; neighbours in time depend on each other, stretches hardly.
+
+    Where one stretch holds most of the errors, as of a system that grows, each stretch counts by its own size.
+    """
+    parts = min(_BATCHES, len(model))
+    own, other = (np.array([float(np.mean(x)) for x in np.array_split(e**2, parts)]) for e in (model, simple))
+    gain, size = other - own, other + own
+    if parts < 2 or not np.isfinite(gain).all():
         return False
-    spread = float(np.std(gain, ddof=1) / np.sqrt(len(gain)))
-    return float(np.mean(gain)) > spread * float(stats.t.ppf(1 - _LEVEL, len(gain) - 1))
+    if size.max() > _MOSTLY * size.sum():
+        gain = gain / np.where(size > 0, size, 1.0)
+    spread = float(np.std(gain, ddof=1) / np.sqrt(parts))
+    return float(np.mean(gain)) > spread * float(stats.t.ppf(1 - _LEVEL, parts - 1))
 
 
 def _percent(fit: float) -> str:
