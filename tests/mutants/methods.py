@@ -170,6 +170,15 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/continuous.py",
+        "identify/linear/test_process.py",
+        [
+            ("late input: the record's first sample for what was before it", "self.unknown if cut else 0", "0"),
+            ("continuous time: how a first state fades tells nothing", "gains + other @ states", "gains"),
+            ("late input: no record is used whole", "return ends[0] if doubt else ends[1]", "return ends[0]"),
+        ],
+    ),
+    *mistakes(
         "models/black_box/lagged.py",
         BLACK_BOX,
         [

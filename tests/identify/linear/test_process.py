@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 import slipangle as sa
-from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.errors import IdentifiabilityWarning, ParameterError, TooShortError
 from slipangle.identify.linear.process import ProcessModel
 
 DT, N, FINE = 0.05, 400, 20
@@ -60,6 +60,58 @@ def test_units_and_experiments():
     info = ProcessModel(form="P1D", max_delay=0.4).fit(both).fit_info
     assert info.units == ("-", "s", "s")
     assert np.abs(info.values - [2.0, 0.4, 0.1225]) == pytest.approx(np.zeros(3), abs=0.02)
+
+
+GAIN, LAG, LATE = 3.0, 4.0, 0.55
+
+
+def running(seed, *, n_records=10, n=60, delay=LATE, dt=0.1):
+    """Records of 6 s cut from a system that has been running for 20 s, measured with noise."""
+    rng, cut = np.random.default_rng(seed), round(20 / dt)
+    parts = []
+    for _ in range(n_records):
+        hold = round(0.8 / dt)
+        u = np.repeat(rng.choice([-1.0, 1.0], (n + cut) // hold + 1), hold)[: n + cut]
+        fine = np.concatenate([np.zeros(round(delay / dt * FINE)), np.repeat(u, FINE)])[: (n + cut) * FINE]
+        a = np.exp(-dt / FINE / LAG)
+        y = signal.lfilter([0, GAIN * (1 - a)], [1, -a], fine)[::FINE] + 0.05 * rng.standard_normal(n + cut)
+        parts.append(sa.Dataset.from_arrays({"delta": u[cut:]}, {"r": y[cut:]}, dt))
+    return sa.join(*parts)
+
+
+@pytest.mark.parametrize(("form", "delay"), [("P1D", LATE), ("P1", 0.0)])
+def test_records_cut_from_a_running_system(form, delay):
+    """Nobody knows the input before them, and their first states tell of the lag."""
+    truth = np.array([GAIN, LAG, delay][: 2 + ("D" in form)])
+    infos = [ProcessModel(form=form).fit(running(seed, delay=delay)).fit_info for seed in range(8)]
+    off = np.array([(info.values - truth) / info.std for info in infos])
+    assert np.sqrt(np.mean(off**2)) < 1.5  # 3 to 9 with the input before them taken for the first sample
+    assert {info.n_samples for info in infos} == {500 if "D" in form else 600}
+
+
+def test_a_record_that_starts_at_rest_is_used_whole():
+    """Its step in the first half second tells the delay only together with what was before."""
+    u = (np.arange(300) >= 5).astype(float)
+    y = 2 * np.clip(1 - np.exp(-(np.arange(300) * DT - 0.25 - 0.1225) / 0.4), 0, None)
+    y += 0.02 * np.random.default_rng(0).standard_normal(300)
+    info = ProcessModel(form="P1D").fit(sa.Dataset.from_arrays({"delta": u}, {"r": y}, DT)).fit_info
+    assert np.abs(info.values - [2.0, 0.4, 0.1225]) == pytest.approx(np.zeros(3), abs=0.03)
+    assert info.n_samples == 300
+    assert "the input before an experiment being its first sample" in info.method
+
+
+def test_records_no_longer_than_the_delays_tried_are_refused():
+    short = [running(k, n_records=1, n=12) for k in range(2)]
+    with pytest.raises(TooShortError, match="12 samples beyond the first 6 of each experiment"):
+        ProcessModel(form="P3DZU").fit(sa.join(*short))
+
+
+@pytest.mark.slow
+def test_intervals_cover_records_cut_from_a_running_system():
+    truth = np.array([GAIN, LAG, LATE])
+    infos = [ProcessModel(form="P1D").fit(running(seed)).fit_info for seed in range(60)]
+    inside = np.mean([np.abs(info.values - truth) <= 1.96 * info.std for info in infos], axis=0)
+    assert (inside >= 0.89).all()
 
 
 @pytest.mark.slow

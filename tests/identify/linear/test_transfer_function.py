@@ -87,6 +87,20 @@ def test_units_experiments_and_a_known_delay():
     assert (np.abs(info.values - truth("two poles and a zero")[:4]) < 3.5 * info.std).all()
 
 
+def test_records_cut_from_a_running_system():
+    """Nobody knows the input before them, and their first states tell of the poles."""
+    name = "one pole"
+    truth = np.array([2.5, 2.0, 0.1225])
+    off = []
+    for seed in range(6):
+        whole = log(name, seed, noise=0.05)
+        cut = sa.join(*[whole.rows(a + 48, a + 98) for a in range(0, 800, 100)])
+        info = settings(name).fit(cut).fit_info
+        assert info.n_samples == 8 * (50 - 8)
+        off.append((info.values - truth) / info.std)
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["two poles and a zero", "four poles and three zeros"])
 def test_intervals_cover(name):

@@ -6,14 +6,17 @@
 from __future__ import annotations
 
 import abc
+import itertools
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from scipy import special
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
+from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.linear.estimator import channels, described
 from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.covariance import covariance
@@ -21,6 +24,7 @@ from slipangle.numerics.held import Late, late
 from slipangle.numerics.linear_response import LTI
 
 SLOPE = 1e-5  # relative step of numerical derivatives
+_DOUBT = 0.9  # quantile of the F distribution from which an input is not taken for constant before its record
 
 
 class HeldResponse(abc.ABC):
@@ -28,6 +32,10 @@ class HeldResponse(abc.ABC):
 
     The input is held over each sample. The search is over ``z``: something for each of `shape`, then the delay;
     gains, level and the first state of every experiment are solved for inside ([1]_).
+
+    A late input from before an experiment acts on its first samples, and nobody knows it. Unless ``cut``, it is taken
+    for the first sample of the experiment; with ``cut`` as many samples are left out as the largest delay has, the same
+    number for every delay, and the free state is that after them.
     """
 
     names: tuple[str, ...]  # of the values that a fit gives
@@ -37,16 +45,24 @@ class HeldResponse(abc.ABC):
     low: np.ndarray  # smallest z
     high: np.ndarray  # largest z
 
-    def __init__(self, data: Dataset, *, late: bool, max_delay: float, delay: float = 0.0) -> None:
+    def __init__(self, data: Dataset, *, late: bool, max_delay: float, delay: float = 0.0, cut: bool = False) -> None:
         if len(data.inputs) != 1 or len(data.outputs) != 1:
             raise ParameterError(
                 f"'{data.name}' has inputs {', '.join(data.inputs) or 'none'} and outputs "
                 f"{', '.join(data.outputs) or 'none'}; expected one of each: data.select(inputs=[...], outputs=[...])"
             )
         self.data, self.dt, self.late, self.known = data, data.dt, late, delay
-        self.y, self.u = data.y[:, 0], data.u[:, 0]
         self.longest = data.n_longest * data.dt
         self.max_delay = min(max_delay, 0.5 * self.longest)
+        self.unknown = int(np.ceil((self.max_delay if late else delay) / data.dt - 1e-9))  # samples with such an input
+        self.first = self.unknown if cut else 0
+        parts = zip(data.starts, data.stops, strict=True)
+        self.records = [(a, b) for a, b in parts if b - a > self.first]
+        self.lengths = [b - a - self.first for a, b in self.records]
+        ends = np.cumsum([0, *self.lengths])
+        self.pieces = list(itertools.pairwise(ends))  # the same among the samples that are used
+        self.u = data.u[:, 0]
+        self.y = np.concatenate([np.zeros(0), *(data.y[a + self.first : b, 0] for a, b in self.records)])
 
     # ---- the system --------------------------------------------------------------------------------------------
 
@@ -66,14 +82,14 @@ class HeldResponse(abc.ABC):
         """What the linear unknowns multiply: those of the gains; then level and first states."""
         one, C = self.sampled(shape, delay), self.outputs(shape)
         system = LTI(A=one.A, B=np.column_stack([one.older, one.newer]), C=C, D=np.zeros((len(C), 2)))
-        n, parts = self.order, list(zip(self.data.starts, self.data.stops, strict=True))
-        forced, free = np.zeros((len(self.y), len(C))), np.zeros((len(self.y), n * len(parts)))
-        for i, (a, b) in enumerate(parts):
-            u = np.concatenate([np.full(one.whole + 1, self.u[a]), self.u[a:b]])[: b - a + 1]
+        n, k = self.order, self.first
+        forced, free = np.zeros((len(self.y), len(C))), np.zeros((len(self.y), n * len(self.pieces)))
+        for i, ((a, b), (start, stop)) in enumerate(zip(self.records, self.pieces, strict=True)):
+            u = np.concatenate([np.full(one.whole + 1, self.u[a]), self.u[a:b]])[k : b - a + 1]
             rest = np.linalg.lstsq(self.rates(shape)[0], -self.rates(shape)[1] * self.u[a], rcond=None)[0]
-            start = np.zeros(n) if self.integrates else rest
-            forced[a:b] = system.respond(start, np.column_stack([u[:-1], u[1:]]))[0][: b - a]
-            free[a:b, n * i : n * (i + 1)] = unforced(one.A, C[:1], b - a)
+            before = np.zeros(n) if self.integrates else rest
+            forced[start:stop] = system.respond(before, np.column_stack([u[:-1], u[1:]]))[0]
+            free[start:stop, n * i : n * (i + 1)] = unforced(one.A, C[:1], stop - start)
         level = np.zeros((len(self.y), 0)) if self.integrates else np.ones((len(self.y), 1))
         return forced, np.hstack([level, free])
 
@@ -121,6 +137,14 @@ class HeldResponse(abc.ABC):
 
     # ---- the result --------------------------------------------------------------------------------------------
 
+    def left_out(self) -> str:
+        """What is taken for the input before an experiment, in words; empty where nothing of it acts."""
+        if not self.unknown:
+            return ""
+        if not self.first:
+            return ", the input before an experiment being its first sample"
+        return f", without the first {self.first} samples of an experiment, on which the input before it acts"
+
     @abc.abstractmethod
     def natural(self, z: np.ndarray) -> np.ndarray:
         """Values of `names` at their best."""
@@ -135,13 +159,15 @@ class HeldResponse(abc.ABC):
 
     def slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the output by the values of `names`, then by what else is linear; and the errors."""
+        gains, shape, delay = self.parts(values)
+        forced, other = self.columns(shape, delay)
+        states = np.linalg.lstsq(other, self.y - forced @ gains, rcond=1e-10)[0]
 
         def output(v: np.ndarray) -> np.ndarray:
             gains, shape, delay = self.parts(v)
-            return self.columns(shape, delay)[0] @ gains
+            forced, other = self.columns(shape, delay)
+            return forced @ gains + other @ states  # how a first state fades tells of the poles too
 
-        gains, shape, delay = self.parts(values)
-        forced, other = self.columns(shape, delay)
         found = []
         for i, name in enumerate(self.names):
             h = self.step(name, values[i])
@@ -159,8 +185,7 @@ class HeldResponse(abc.ABC):
         """The model of a point of the search, with intervals of `names`."""
         values = self.natural(z)
         jacobian, error = self.slopes(values)
-        rows = [b - a for a, b in zip(self.data.starts, self.data.stops, strict=True)]
-        spread, said = covariance(error, jacobian, 1, lengths=rows)
+        spread, said = covariance(error, jacobian, 1, lengths=self.lengths)
         count = len(values)
         dof = max(1, len(error) - jacobian.shape[1])
         info = described(
@@ -170,8 +195,8 @@ class HeldResponse(abc.ABC):
             values=values,
             covariance=spread[:count, :count],
             noise_std=np.array([np.sqrt(float(error @ error) / dof)]),
-            n_samples=self.data.n_samples,
-            method=f"{method}; {said}",
+            n_samples=len(error),
+            method=f"{method}{self.left_out()}; {said}",
             warnings=self.ends(z),
         )
         return replace(self.model(values), fit_info=replace(info, units=units, seconds=time.perf_counter() - began))
@@ -196,6 +221,35 @@ class HeldResponse(abc.ABC):
         gains, shape, delay = self.parts(values)
         F, G = self.rates(shape)
         return np.concatenate([F.ravel(), G, gains @ self.outputs(shape), [delay]])
+
+
+R = TypeVar("R", bound=HeldResponse)
+
+
+def searched(problem: Callable[[bool], R]) -> tuple[R, np.ndarray]:
+    """The problem to take, and the best point of its search: uncut, unless the first samples tell against that.
+
+    ``problem`` makes it, cut or not. Errors of the samples whose input is unknown, taken for constant, must not be
+    larger than the others are, by an F test; where they are left out though they need not be, little is lost.
+
+    Raises TooShortError where too few samples are left without them.
+    """
+    cut = problem(True)
+    if not cut.unknown:
+        return cut, cut.search()
+    n, least = len(cut.y), len(cut.names) + cut.order * len(cut.pieces) + 2
+    if n < least:
+        raise TooShortError(
+            f"'{cut.data.name}' has {n} samples beyond the first {cut.first} of each experiment, on which an unknown "
+            f"input from before it acts, for {len(cut.names)} parameters; expected at least {least}: record longer, or "
+            "give a shorter delay"
+        )
+    whole = problem(False)
+    ends = [(one, one.search()) for one in (cut, whole)]
+    (_, few), (_, all_) = ((one, float(np.sum(one.errors(z) ** 2))) for one, z in ends)
+    more, dof = len(whole.y) - n, n - least + 1
+    doubt = (all_ - few) / more > special.fdtri(more, dof, _DOUBT) * few / dof
+    return ends[0] if doubt else ends[1]
 
 
 def unforced(A: np.ndarray, C: np.ndarray, n: int) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive
-from slipangle.identify.linear.continuous import SLOPE, HeldResponse
+from slipangle.identify.linear.continuous import SLOPE, HeldResponse, searched
 from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.blas import one_blas_thread
@@ -43,7 +43,8 @@ class ProcessModel(LinearEstimator[ContinuousTimeModel]):
         more, the integrator counted), "I" for an integrator besides, and "U" where two of the poles are those of
         ``1 + 2 zeta T_w s + T_w^2 s^2``, so that they may oscillate. Such as "P1D" or "P2DZU".
     max_delay : float
-        Largest delay. [s]
+        Largest delay. [s] Where the input before an experiment was not its first sample, so many seconds of its start
+        are left out.
 
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 4.3, 7.
 
@@ -68,20 +69,20 @@ class ProcessModel(LinearEstimator[ContinuousTimeModel]):
     @one_blas_thread()
     def _fit(self, data: Dataset) -> ContinuousTimeModel:
         began = time.perf_counter()
-        problem = _Problem(self, data)
+        problem, point = searched(lambda cut: _Problem(self, data, cut=cut))
         units = tuple({"K": "-", "zeta": "-"}.get(n, "s") for n in problem.names)
         method = f"free-run error, variable projection from {_STARTS} points of a grid"
-        return problem.fitted(problem.search(), began, method, units)
+        return problem.fitted(point, began, method, units)
 
 
 class _Problem(HeldResponse):
     """Lags one after the other; the search is over logarithms of times and damping, then the delay."""
 
-    def __init__(self, settings: ProcessModel, data: Dataset) -> None:
+    def __init__(self, settings: ProcessModel, data: Dataset, *, cut: bool) -> None:
         form = _FORM.fullmatch(settings.form)
         if form is None:
             raise ParameterError(f"form is {settings.form!r}; expected one such as 'P1D'")
-        super().__init__(data, late=bool(form[2]), max_delay=settings.max_delay)
+        super().__init__(data, late=bool(form[2]), max_delay=settings.max_delay, cut=cut)
         self.zero, self.integrates, self.swings = (bool(form[k]) for k in (3, 4, 5))
         self.poles = int(form[1])
         own = ("T_w", "zeta") if self.swings else ()

@@ -17,7 +17,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError
 from slipangle.fields import Count, NotNegative, Positive, Whole
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.continuous import SLOPE, HeldResponse, unforced
+from slipangle.identify.linear.continuous import SLOPE, HeldResponse, searched, unforced
 from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.blas import one_blas_thread
@@ -49,7 +49,8 @@ class TransferFunction(LinearEstimator[ContinuousTimeModel]):
     delay : float, optional
         ``T_d`` where it is known; by default it is estimated. [s]
     max_delay : float
-        Largest delay that is estimated. [s]
+        Largest delay that is estimated. [s] Where the input before an experiment was not its first sample, so many
+        seconds of its start are left out.
 
     Source: P. C. Young, A. J. Jakeman, Int. J. Control 31(4), 1980; H. Garnier, L. Wang, Identification of
     Continuous-time Models from Sampled Data, 2008, ch. 4.
@@ -75,9 +76,8 @@ class TransferFunction(LinearEstimator[ContinuousTimeModel]):
     @one_blas_thread()
     def _fit(self, data: Dataset) -> ContinuousTimeModel:
         began = time.perf_counter()
-        problem = _Problem(self, data)
-        require_identifiable(data, len(problem.names))
-        point = problem.search()
+        require_identifiable(data, len(_Problem(self, data, cut=False).names))
+        problem, point = searched(lambda cut: _Problem(self, data, cut=cut))
         units = tuple(problem.unit(name) for name in problem.names)
         method = f"free-run error, variable projection from {_STARTS} points refined by instrumental variables"
         return problem.fitted(point, began, method, units)
@@ -86,9 +86,10 @@ class TransferFunction(LinearEstimator[ContinuousTimeModel]):
 class _Problem(HeldResponse):
     """The controllable form in scaled time; the search is over the scaled denominator, then the delay."""
 
-    def __init__(self, settings: TransferFunction, data: Dataset) -> None:
+    def __init__(self, settings: TransferFunction, data: Dataset, *, cut: bool) -> None:
         late = settings.delay is None
-        super().__init__(data, late=late, max_delay=settings.max_delay, delay=settings.delay or 0.0)
+        known = settings.delay or 0.0
+        super().__init__(data, late=late, max_delay=settings.max_delay, delay=known, cut=cut)
         self.order = n = settings.poles
         self.gains = n if settings.zeros is None else settings.zeros + 1
         self.shape = tuple(f"a_{i}" for i in range(n))
@@ -212,14 +213,13 @@ class _Problem(HeldResponse):
         """Filtered derivatives of a signal, 0 to n - 1 and n, and what a state at the start adds to the latter."""
         one, n = self.sampled(a, 0.0), self.order
         system = LTI(A=one.A, B=one.newer[:, None], C=np.eye(n), D=np.zeros((n, 1)))
-        parts = list(zip(self.data.starts, self.data.stops, strict=True))
-        found, free = np.zeros((len(signal), n)), np.zeros((len(signal), n * len(parts)))
-        for i, (b, e) in enumerate(parts):
+        found, free = np.zeros((len(signal), n)), np.zeros((len(signal), n * len(self.pieces)))
+        for i, (b, e) in enumerate(self.pieces):
             own = signal[b:e] - signal[b]
             between = 0.5 * (own + np.append(own[1:], own[-1]))  # its mean over each sample
             found[b:e] = system.respond(np.zeros(n), between[:, None])[0]
             free[b:e, n * i : n * (i + 1)] = unforced(one.A, np.eye(n)[:1], e - b)
-        start = np.repeat([signal[b] for b, _ in parts], [e - b for b, e in parts])
+        start = np.repeat([signal[b] for b, _ in self.pieces], self.lengths)
         return found, signal - start - found @ a, free
 
     # ---- the result --------------------------------------------------------------------------------------------
