@@ -1,6 +1,7 @@
 """Files are read whole, and written to a temporary name beside the target, then renamed: never half a file."""
 
 import getpass
+import math
 import os
 import tempfile
 from datetime import datetime
@@ -109,3 +110,8 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
         Path(name).unlink(missing_ok=True)
         raise
     return target
+
+
+def or_null(value: float) -> float | None:
+    """A number for JSON, which has no infinity and no NaN: None for these."""
+    return float(value) if math.isfinite(value) else None

@@ -38,6 +38,25 @@ MUTANTS = [
     ),
     # ---- identification
     *mistakes(
+        "numerics/covariance.py",
+        "identify/physics/test_loose_parameters.py",
+        [
+            ("covariance: what moves nothing is known", "size <= _ROUNDING * max", "size < -_ROUNDING * max"),
+            ("covariance: two that move together as if one each", "np.copysign(np.inf, together)", "np.inf"),
+        ],
+    ),
+    *mistakes(
+        "models/model.py",
+        "identify/physics/test_loose_parameters.py",
+        [
+            (
+                "FitInfo: a product as open as its factors",
+                "np.any(np.abs(by @ self.loose)",
+                "np.any(np.abs(by) @ self.loose",
+            )
+        ],
+    ),
+    *mistakes(
         "identify/linear/arx.py",
         "identify/linear/test_arx.py",
         [

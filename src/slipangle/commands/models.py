@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, ModelWarning, SlipangleError
-from slipangle.files import check_output, replaced
+from slipangle.files import check_output, or_null, replaced
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
@@ -91,11 +91,11 @@ def _confounding(info: FitInfo) -> str:
 
 
 def _parameters(info: FitInfo | None) -> dict[str, dict]:
-    """Estimates for machines, each with the ends of its 95 % interval, SI units."""
+    """Estimates for machines, each with the ends of its 95 % interval, SI units; None where it has no end."""
     if info is None:
         return {}
     rows = zip(info.names, info.values.tolist(), info.interval().tolist(), strict=True)
-    return {"parameters": {name: {"value": value, "interval": ends} for name, value, ends in rows}}
+    return {"parameters": {n: {"value": or_null(v), "interval": [*map(or_null, ends)]} for n, v, ends in rows}}
 
 
 def _estimates(info: FitInfo | None) -> list[str]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import abc
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -65,7 +66,7 @@ class FitInfo(Shown):
     names, units : tuple of str
         The parameters that were free, and the unit of each.
     values, covariance : array, shapes (n_free,), (n_free, n_free)
-        Their estimates, SI units, and the covariance of those.
+        Their estimates, SI units, and the covariance of those: with infinite entries where the data leave them open.
     noise_std : array, shape (n_outputs,)
         Standard deviation of the residuals on the training data.
     n_samples : int
@@ -86,6 +87,11 @@ class FitInfo(Shown):
         Every order that was compared, the chosen one first, where the estimator chose.
     fingerprint : Fingerprint or None
         By which samples of the training data are known again.
+    loose : array, shape (n_free, n_loose), or None
+        Directions in which estimates move together without moving any output, such as those of two that only act as a
+        product; None for none.
+    known_covariance : array, shape (n_free, n_free), or None
+        What is finite of the covariance where some are loose, see `std_of`.
     """
 
     names: tuple[str, ...]
@@ -103,6 +109,8 @@ class FitInfo(Shown):
     candidates: tuple[Candidate, ...] = field(default=(), metadata={"may be missing in a file": True})
     fingerprint: Fingerprint | None = field(default=None, metadata={"may be missing in a file": True})
     corrections: tuple[str, ...] = field(default=(), metadata={"may be missing in a file": True})
+    loose: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
+    known_covariance: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
         half = np.ptp(self.interval(), axis=1) / 2
@@ -112,8 +120,27 @@ class FitInfo(Shown):
 
     @property
     def std(self) -> np.ndarray:
-        """Standard deviation of each estimate, shape (n_free,), in its unit."""
+        """Standard deviation of each estimate, shape (n_free,), in its unit; infinite where the data leave it open."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def std_of(self, slope: Sequence[float] | np.ndarray) -> float:
+        """Standard deviation of a quantity with these derivatives by the estimates, shape (n_free,), to first order.
+
+        It is finite for what the data determine, even of estimates that are infinitely uncertain one by one: where
+        k1 and k2 act as a product alone, that of ``[k2, k1]``.
+
+        Raises ParameterError if the derivatives are not as many as the estimates.
+        """
+        by = np.asarray(slope, dtype=float)
+        if by.shape != (len(self.names),):
+            raise ParameterError(f"the derivatives have the shape {by.shape}; expected one each of {self.names}")
+        known = self.covariance
+        if self.loose is not None and self.known_covariance is not None:
+            reach, known = np.abs(by[:, None] * self.loose), self.known_covariance
+            if np.any(np.abs(by @ self.loose) > 1e-6 * reach.max(axis=0)):  # else it is the rounding of zero
+                return math.inf
+        used = by != 0
+        return float(np.sqrt(max(by[used] @ known[np.ix_(used, used)] @ by[used], 0.0)))
 
     def interval(self, level: float = 0.95) -> np.ndarray:
         """Confidence interval of each estimate, shape (n_free, 2), from the normal distribution."""
@@ -126,7 +153,13 @@ class FitInfo(Shown):
     def correlation(self) -> np.ndarray:
         """Correlation matrix of the estimates, shape (n_free, n_free)."""
         std = np.where(self.std > 0, self.std, 1.0)
-        return self.covariance / np.outer(std, std)
+        with np.errstate(invalid="ignore"):
+            rho = self.covariance / np.outer(std, std)
+        if self.loose is None:
+            return rho
+        far = self.loose @ self.loose.T
+        lengths = np.sqrt(np.where(np.diag(far) > 0, np.diag(far), 1.0))
+        return np.where(np.isinf(self.covariance), far / np.outer(lengths, lengths), rho)
 
     @property
     def condition(self) -> float:

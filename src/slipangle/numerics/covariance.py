@@ -11,6 +11,8 @@ from slipangle.units import SI
 
 TOO_WIDE = 0.5  # half of a 95 % interval over the value, above which a parameter counts as not determined
 CONDITION = 300.0  # of the Jacobian with columns of one length, above which parameters cannot be told apart
+_ROUNDING = 1e-7  # singular value of that Jacobian over the largest, up to which it is the rounding of zero
+_NO_SHARE = 1e-6  # of an unknown in a direction of length one, up to which it is the rounding of zero
 
 
 def covariance(
@@ -20,15 +22,13 @@ def covariance(
 
     Residuals, shape (n_rows * n_outputs,), are of about the same size for every output; the Jacobian has their
     derivatives, shape (n_rows * n_outputs, n). ``lengths`` are the rows of each experiment, by default all of one.
+    It is that of what the data determine: along `loose_directions` nothing is added, `unlimited` does that.
 
     Where residuals are coloured, standard deviations are so wide that 1.96 of them hold the truth at 95 % for noise of
     their autoregression: see `slipangle.numerics.critical`.
     """
     dof = max(1, len(error) - jacobian.shape[1])
-    norms = np.linalg.norm(jacobian, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    even = jacobian / norms
-    inverse = np.linalg.pinv(even.T @ even, rcond=1e-14, hermitian=True) / np.outer(norms, norms)
+    inverse = _inverse_information(jacobian)
     residuals = error.reshape(-1, n_outputs)
     lags = bandwidth(residuals)
     if not lags:
@@ -44,6 +44,42 @@ def covariance(
     wide = critical / NORMAL
     said = f"{coloured(lags)}, widened to hold 95 % for their autoregression of order {len(coefficients)}"
     return sandwich * np.outer(wide, wide), said
+
+
+def _even(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The Jacobian with columns of one length, but for zeros; and their lengths."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    return jacobian / norms, norms
+
+
+def _inverse_information(jacobian: np.ndarray) -> np.ndarray:
+    """Inverse of J' J where that has one, shape (n, n)."""
+    even, norms = _even(jacobian)
+    return np.linalg.pinv(even.T @ even, rcond=_ROUNDING**2, hermitian=True) / np.outer(norms, norms)
+
+
+def loose_directions(jacobian: np.ndarray) -> np.ndarray:
+    """Directions in which the unknowns move without moving any residual, but for rounding, shape (n, n_directions).
+
+    Two parameters that only act as a product leave one: that of a constant product.
+    """
+    even, norms = _even(jacobian)
+    _, s, vt = np.linalg.svd(even, full_matrices=len(even) < even.shape[1])
+    size = np.concatenate([s, np.zeros(len(vt) - len(s))])
+    free = vt[size <= _ROUNDING * max(size.max(initial=0.0), 1e-300)].T
+    return np.where(np.abs(free) > _NO_SHARE, free, 0.0) / norms[:, None]
+
+
+def unlimited(known: np.ndarray, loose: np.ndarray) -> np.ndarray:
+    """Covariance where besides a ``known`` part, shape (n, n), nothing is known along loose directions, (n, n_loose).
+
+    Its entries are the limit as these move ever further: infinite variances, and covariances of either sign.
+    """
+    lengths = np.linalg.norm(loose, axis=1)
+    unit = loose / np.where(lengths > 0, lengths, 1.0)[:, None]
+    together = unit @ unit.T
+    return np.where(np.abs(together) > _NO_SHARE, np.copysign(np.inf, together), known)
 
 
 def middle_of_sandwich(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, int]:
@@ -158,7 +194,9 @@ def notes(
     n_parameters), is that of the weighted errors; ``better`` says what to do about a parameter, by name.
     """
     said, known = [], better or {}
-    wide = undetermined(values, std, scale)
+    norms = np.linalg.norm(jacobian, axis=0)
+    tied = loose_directions(jacobian).any(axis=1) & (norms > 0)
+    wide = undetermined(values, std, scale) & (norms > 0)
     for name, value, sd, poor, size, meta in zip(names, values, std, wide, scale, metadata, strict=True):
         if poor:
             said.append(
@@ -171,11 +209,14 @@ def notes(
                 f"{name} ends at its bound, {value:.4g} {meta.unit}; expected an interior optimum: check units, "
                 "signs and the fixed parameters, or widen the range"
             )
-    norms = np.linalg.norm(jacobian, axis=0)
-    if (norms == 0).any():
-        for name in np.array(names)[norms == 0]:
-            said.append(f"the outputs do not depend on {name}; expected an influence: fix it")
-    elif len(names) > 1:
+    said += [f"the outputs do not depend on {n}; expected an influence: fix it" for n in np.array(names)[norms == 0]]
+    if tied.any():
+        group = ", ".join(np.array(names)[tied])
+        said.append(
+            f"{group} can hardly be told apart: the outputs show combinations of them alone (condition number "
+            f"infinite); expected below {CONDITION:.0f}: fix one of them, or add a manoeuvre that separates them"
+        )
+    elif len(names) > 1 and (norms > 0).all():
         _, s, vt = np.linalg.svd(jacobian / norms, full_matrices=False)
         if s[0] > CONDITION * s[-1]:
             group = [n for n, v in zip(names, vt[-1], strict=True) if abs(v) > 0.3]

@@ -19,6 +19,7 @@ from slipangle.errors import (
     SimulationError,
     SlipangleError,
 )
+from slipangle.files import or_null
 from slipangle.identify.judge.standing import Standing
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
@@ -285,9 +286,9 @@ def _condition(model: Model) -> float | None:
     return info.condition if info is not None and len(info.names) > 1 and np.isfinite(info.condition) else None
 
 
-def _parameters(model: Model) -> dict[str, dict[str, float]]:
+def _parameters(model: Model) -> dict[str, dict[str, float | None]]:
     info = model.fit_info
     if info is None:
         return {}
     rows = zip(info.names, info.values, info.interval(), strict=True)
-    return {n: {"value": float(v), "low": float(ci[0]), "high": float(ci[1])} for n, v, ci in rows}
+    return {n: dict(zip(("value", "low", "high"), map(or_null, (v, *ends)), strict=True)) for n, v, ends in rows}

@@ -19,7 +19,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.linear.estimator import channels, described
 from slipangle.models.black_box.continuous import ContinuousTimeModel
-from slipangle.numerics.covariance import covariance
+from slipangle.numerics.covariance import covariance, loose_directions, unlimited
 from slipangle.numerics.held import Late, late
 from slipangle.numerics.linear_response import LTI
 
@@ -187,17 +187,21 @@ class HeldResponse(abc.ABC):
         jacobian, error = self.slopes(values)
         spread, said = covariance(error, jacobian, 1, lengths=self.lengths)
         count = len(values)
+        loose = loose_directions(jacobian)[:count]
+        known, loose = spread[:count, :count], loose[:, loose.any(axis=0)]
         dof = max(1, len(error) - jacobian.shape[1])
         info = described(
             self.data,
             began,
             names=self.names,
             values=values,
-            covariance=spread[:count, :count],
+            covariance=unlimited(known, loose),
             noise_std=np.array([np.sqrt(float(error @ error) / dof)]),
             n_samples=len(error),
             method=f"{method}{self.left_out()}; {said}",
             warnings=self.ends(z),
+            loose=loose if loose.size else None,
+            known_covariance=known if loose.size else None,
         )
         return replace(self.model(values), fit_info=replace(info, units=units, seconds=time.perf_counter() - began))
 

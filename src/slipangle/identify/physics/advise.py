@@ -25,6 +25,8 @@ _HARDER = 1.5  # largest input over the largest one of the log
 _GENTLE = 0.5 * GRAVITY  # lateral acceleration that every car holds on a dry road [m/s2]
 _SIDEWAYS = 1.1  # largest lateral acceleration, and steering times speed squared, over those of the log
 _ROBOT = 1.5  # how much better a manoeuvre that only a robot can steer must be than one that a driver can
+_ROUNDING = 1e-14  # eigenvalue of an information matrix of ones on its diagonal over the largest, of no information
+_NO_SHARE = 1e-6  # of a parameter in an eigenvector, up to which it is the rounding of zero
 _HELPS = 0.7  # expected over present standard deviation, above which a manoeuvre is no advice
 
 ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance", "lever", "relaxation")
@@ -182,11 +184,13 @@ def _deviations(information: np.ndarray) -> np.ndarray:
     if not (lengths > 0).all():
         return np.full(len(lengths), np.inf)
     try:
-        inverse = np.linalg.inv(information / np.outer(lengths, lengths))
+        size, vectors = np.linalg.eigh(information / np.outer(lengths, lengths))
     except np.linalg.LinAlgError:
         return np.full(len(lengths), np.inf)
-    variance = np.diag(inverse)
-    return np.sqrt(np.where(variance > 0, variance, np.inf)) / lengths
+    none = size <= _ROUNDING * size[-1]
+    loose = (np.abs(vectors[:, none]) > _NO_SHARE).any(axis=1)
+    variance = (vectors[:, ~none] ** 2 / size[~none]).sum(axis=1)
+    return np.where(loose, np.inf, np.sqrt(variance)) / lengths
 
 
 # ---- manoeuvres ----------------------------------------------------------------------------------------------------
@@ -334,7 +338,7 @@ def better_sentences(problem: FreeRunProblem, found: Minimum, values: np.ndarray
         return said
     every = rank(problem, found, std)
     none = f"look elsewhere: none of {len(every)} manoeuvres of this size helps"
-    for j in np.flatnonzero(poor & (std[:k] > 0) & np.isfinite(std[:k])):
+    for j in np.flatnonzero(poor & (std[:k] > 0)):
         name = problem.shared[j]
         of_name = {"parameter": name, "unit": problem.model.si(name).unit}
         ranked = [replace(a, before=float(a.present[j]), after=float(a.std[j]), **of_name) for a in every]

@@ -117,15 +117,8 @@ def finish(
     n_directions), the directions in which active constraints let the unknowns move, ``more`` are further warnings.
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
-    jacobian = found.jacobian if kept is None else found.jacobian @ kept
-    try:
-        rows = [len(y) - 1 for y in problem.measured]
-        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs, lengths=rows)
-    except (np.linalg.LinAlgError, ArithmeticError):
-        spread, colour = np.full((jacobian.shape[1],) * 2, np.inf), "no covariance, as the derivatives overflow"
-    if kept is not None:
-        spread = kept @ spread @ kept.T
-    spread = spread[:n_p, :n_p] * np.outer(scale, scale)
+    known, loose, colour = _uncertainty(problem, found, kept)
+    spread = uncertainty.unlimited(known, loose)
     values = found.z[:n_p] * scale
     metadata = [problem.model.si(n) for n in problem.base_names]
     for bound in problem.ranges:
@@ -151,11 +144,32 @@ def finish(
         seconds=time.perf_counter() - began,
         method=f"{how}; {colour}",
         warnings=tuple(said),
+        loose=loose if loose.size else None,
+        known_covariance=known if loose.size else None,
         **provenance(problem.data),
     )
     for sentence in info.warnings:
         warnings.warn(sentence, IdentifiabilityWarning, stacklevel=3)
     return replace(problem.model.with_values(**nominal(problem, values)), fit_info=info)
+
+
+def _uncertainty(
+    problem: FreeRunProblem, found: Minimum, kept: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Covariance of what the data determine of the parameters, SI units, the directions they leave open, and how."""
+    n_p, scale = problem.n_p, problem.scale[: problem.n_p]
+    jacobian = found.jacobian if kept is None else found.jacobian @ kept
+    loose = np.zeros((jacobian.shape[1], 0))
+    try:
+        rows = [len(y) - 1 for y in problem.measured]
+        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs, lengths=rows)
+        loose = uncertainty.loose_directions(jacobian)
+    except (np.linalg.LinAlgError, ArithmeticError):
+        spread, colour = np.full((jacobian.shape[1],) * 2, np.inf), "no covariance, as the derivatives overflow"
+    if kept is not None:
+        spread, loose = kept @ spread @ kept.T, kept @ loose
+    loose = loose[:n_p] * scale[:, None]
+    return spread[:n_p, :n_p] * np.outer(scale, scale), loose[:, loose.any(axis=0)], colour
 
 
 def _notes(problem: FreeRunProblem, found: Minimum, values: np.ndarray, std: np.ndarray, advised: bool) -> list[str]:
