@@ -20,11 +20,12 @@ from slipangle.errors import (
 from slipangle.identify.adapt import Adapt
 from slipangle.identify.judge.intervals import calibrate
 from slipangle.identify.judge.validate import score, validate
+from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.storage import load, save
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.models.wrappers.ensemble import EnsembleModel
-from slipangle.models.wrappers.hybrid import OffsetModel
+from slipangle.models.wrappers.hybrid import OffsetModel, lag_weights
 
 DT = 0.05
 CAR = Bicycle(params=FERRARI_250LM, dt=DT)
@@ -268,3 +269,57 @@ def test_a_lead_is_at_most_a_third_of_a_sample():
 def test_a_correction_that_is_no_number_gets_a_sentence(kind, wrong):
     with pytest.raises(ParameterError, match=r"the correction of 'delta' is .*; expected a finite number"):
         OffsetModel(model=CAR, **{kind: {"delta": wrong}})
+
+
+def lagging(lag, seed, dt, seconds=60.0):
+    """A drive whose steering, sines up to 1.2 Hz, acts through a first-order lag; simulated at 2.5 ms."""
+    rng, fine = np.random.default_rng(seed), 0.0025
+    omega, phase, size = 2 * np.pi * rng.uniform(0.2, 1.2, 6), rng.uniform(0, 6, 6), rng.uniform(0.005, 0.02, 6)
+    t = np.arange(round(seconds / fine))[:, None] * fine
+    delta = np.sum(size * np.sin(omega * t + phase), axis=1)
+    late = np.sum(size * np.sin(omega * t + phase - np.arctan(omega * lag)) / np.hypot(1, omega * lag), axis=1)
+    v_x = 18 + 5 * np.sin(2 * np.pi * t[:, 0] / 40)
+    true = Dataset.from_arrays({"delta": late, "v_x": v_x}, {"r": np.zeros(len(t))}, fine).hold_mean()
+    r, every = CAR.resampled(fine).simulate(true).channel("r"), round(dt / fine)
+    sensed = {"delta": delta[: len(r)], "v_x": v_x[: len(r)]}
+    r = r + 0.002 * rng.standard_normal(len(r))
+    seen = {name: values[::every] for name, values in (sensed | {"r": r}).items()}
+    outputs = {"r": seen.pop("r")}
+    return Dataset.from_arrays(seen, outputs, dt, name=f"lag {lag:g} s").hold_mean()
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+def test_a_lag_brings_no_gain(dt):
+    """The mean of the response to a held input costs 1 % of gain at 0.05 s, a backward difference up to 8 %."""
+    start = CAR.resampled(dt)
+    model = GreyBox(start=start, free=("C_f", "C_r", "inertia_z")).fit(lagging(0.0, 1, dt))
+    for lag in (0.03, 0.1):
+        info = Adapt(seconds=50.0).fit(model, lagging(lag, 7, dt)).fit_info
+        found, std = (dict(zip(info.names, v, strict=True)) for v in (info.values, info.std))
+        assert abs(found["gain_delta"]) < max(0.003, 1.96 * std["gain_delta"])
+        assert abs(found["gain_delta"]) < 0.005
+        assert found["lag_delta"] == pytest.approx(lag, rel=0.02)
+
+
+def test_weights_of_a_lag_are_smooth_where_there_is_none():
+    """Of any lag they pass a constant, delay a line by the lag, and change at no lag without a step or a kink."""
+    for lag in (-0.33, -1e-3, 1e-9, 1e-3, 0.4, 3.0, 1e3):
+        a, b, c, left = lag_weights(lag)
+        assert a + b + c == pytest.approx(1 - left, rel=1e-9, abs=1e-12)
+        assert -b - 2 * c - left * (1 + lag) == pytest.approx(-lag, rel=1e-9, abs=1e-12)
+    size = 1e-4
+    up, here, down = (np.array(lag_weights(lag)) for lag in (size, 0.0, -size))
+    assert (up - here) / size == pytest.approx((here - down) / size, abs=10 * size)
+
+
+@pytest.mark.parametrize("lag", [-0.015, 0.0, 0.002, 0.08])
+def test_a_lag_is_the_same_by_steps_and_for_a_whole_log(lag):
+    data = changed(drive(200, seed=3)).rows(20, 200)
+    model = OffsetModel(model=CAR, gains={"delta": 1.1}, lags={"delta": lag}, inputs_at_zero={"delta": 0.01})
+    expected = CAR.simulate(model.behind(data)).y
+    x, seen = model.initial_state(data.head(model.memory)), []
+    for u in data.select(inputs=model.inputs).u:
+        seen.append(model.output(x, u))
+        x = model.step(x, u)
+    assert np.array(seen)[1:] == pytest.approx(expected[1:], abs=1e-9)
+    assert model.simulate(data).y == pytest.approx(expected, abs=1e-9)

@@ -236,17 +236,14 @@ MUTANTS = [
         "models/wrappers/hybrid.py",
         BLACK_BOX,
         [
-            ("sensor offsets: wrong way round", "u[i] - self.inputs_at_zero", "u[i] + self.inputs_at_zero"),
+            ("sensor offsets: wrong way round", "(u[i] - zeros.get", "(u[i] + zeros.get"),
             (
-                "sensor lag: of the new value",
-                "keep * x[n + late.index(name)] + (1.0 - keep)",
-                "(1.0 - keep) * x[n + late.index(name)] + keep",
+                "sensor lag: straight lines",
+                "return line + bend, 1.0 - left - line - 2.0 * bend",
+                "return line, 1.0 - left - line",
             ),
-            (
-                "sensor lag: forward Euler",
-                "self.lags[name] / (self.lags[name] + self.dt)",
-                "(1.0 - self.dt / self.lags[name])",
-            ),
+            ("sensor lag: time constant over one", "math.exp(-1.0 / lag)", "math.exp(-lag)"),
+            ("sensor lag: the input before twice as old", "two * x[n + 2 * j + 1]", "two * seen[i]"),
         ],
     ),
     *mistakes(

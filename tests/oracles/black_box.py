@@ -12,6 +12,17 @@ def past(values, k):
     return values[k] if k >= 0 else np.zeros_like(values[0])
 
 
+def first_order_lag(u, lag, dt):
+    """z of ``lag z' = u - z`` at the samples, from rest, u being a parabola through three samples up to it."""
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    t, dt_t = (nodes - 1) / 2 * dt, weights / 2 * dt
+    u, z = [u[0], u[0], *u], [u[0]]
+    for k in range(3, len(u)):
+        parabola = np.polyfit([-2 * dt, -dt, 0.0], u[k - 2 : k + 1], 2)
+        z.append(z[-1] * np.exp(-dt / lag) + np.sum(dt_t * np.exp(t / lag) / lag * np.polyval(parabola, t)))
+    return np.array(z)
+
+
 def arx(A, B, c, nk, u, y_start):
     """S 4-5 with the sign of table 7.1: y(k) = -A_1 y(k-1) - ... + B_1 u(k-nk) + ... + c, after ``y_start``."""
     y = [np.array(row, dtype=float) for row in y_start]

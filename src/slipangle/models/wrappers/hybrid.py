@@ -14,7 +14,7 @@ from slipangle.fields import Checked, Within
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.model import FitInfo, Model, derived, taken
 from slipangle.models.wrappers.wrapper import Wrapper
-from slipangle.ops import Vector, concatenate, stack
+from slipangle.ops import Scalar, Vector, concatenate, stack
 
 
 @runtime_checkable
@@ -167,6 +167,23 @@ def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 _NEW: Any = {"may be missing in a file": True}
 
 
+def lag_weights(lag: float) -> tuple[float, float, float, float]:
+    """Weights of a first-order lag, which is given over the sample time [-]: of an input, the two before, the result.
+
+    ``w(k) = a u(k) + b u(k-1) + c u(k-2) + d w(k-1)`` is the lag's response at the samples to the parabola through
+    three of them. So it neither adds nor takes gain at the frequencies of a driver, where the mean of the response to
+    a held input, which is that to straight lines, takes a share of (omega dt)^2 / 12. A lead is the same without what
+    is left of the past, so it is smooth at no lag, where the input comes back.
+
+    >>> lag_weights(0.0)
+    (1.0, 0.0, 0.0, 0.0)
+    """
+    left = math.exp(-1.0 / lag) if lag > 0 else 0.0
+    line = 1.0 - lag * (1.0 - left)  # response at the end of a sample to a slope that begins with it
+    bend = 0.5 * (1.0 - (1.0 + 2.0 * lag) * line)  # to half of tau (tau - 1)
+    return line + bend, 1.0 - left - line - 2.0 * bend, bend, left
+
+
 @dataclass(frozen=True, kw_only=True)
 class OffsetModel(Wrapper):
     """A model behind the sensors of another session: it sees ``lag(gain (u - u_0))``; its outputs read ``y + y_0``.
@@ -181,8 +198,8 @@ class OffsetModel(Wrapper):
     gains : mapping of str to float
         Scale of inputs: what the model means over what the sensor reads beyond its zero. [-]
     lags : mapping of str to float
-        Lag of inputs behind what the model was fitted with, of first order, by backward Euler; negative ones, of at
-        most a third of a sample, lead. Each is a state, its last value. [s]
+        Lag of inputs behind what the model was fitted with, of first order; negative ones, of at most a third of a
+        sample, lead. Each has two states: what the past leaves of the lagged input, and the input before. [s]
     scatter : array, shape (n_corrections, n_corrections), optional
         Covariance of offsets, gains, lags and output offsets, in this order, by which `spread` grows.
     """
@@ -197,8 +214,9 @@ class OffsetModel(Wrapper):
 
     @derived
     def states(self) -> tuple[str, ...]:
-        """The model's states, then the last value of each input that lags."""
-        return (*self.model.states, *(f"{name} before" for name in self.lags))
+        """The model's states, then for each input that lags what is left of its past, and the one before."""
+        past = (f"{name} {part}" for name in self.lags for part in ("left", "before"))
+        return (*self.model.states, *past)
 
     def __post_init__(self) -> None:
         inputs = {**self.inputs_at_zero, **self.gains, **self.lags}
@@ -218,31 +236,38 @@ class OffsetModel(Wrapper):
                     f"the lag of '{name}' is {lag:g} s; expected at least {-self.dt / 3:.3g} s, a third of a sample"
                 )
 
+    def _meant(self, u: Vector) -> list[Scalar]:
+        """Inputs as the sensors' zeros and gains correct them, before any lag."""
+        zeros, gains = self.inputs_at_zero, self.gains
+        return [gains.get(name, 1.0) * (u[i] - zeros.get(name, 0.0)) for i, name in enumerate(self.inputs)]
+
     def _drive(self, x: Vector, u: Vector) -> Vector:
-        """What the model means by the inputs, given the state with what lagging ones were before."""
-        n, late = self.model.n_states, list(self.lags)
-        seen = []
-        for i, name in enumerate(self.inputs):
-            now = self.gains.get(name, 1.0) * (u[i] - self.inputs_at_zero.get(name, 0.0))
-            if name in late:
-                keep = self._keep(name)
-                now = keep * x[n + late.index(name)] + (1.0 - keep) * now
-            seen.append(now)
+        """What the model means by the inputs over a sample, given the state with the past of lagging ones."""
+        seen, n = self._meant(u), self.model.n_states
+        for j, name in enumerate(self.lags):
+            i = self.inputs.index(name)
+            seen[i] = lag_weights(self.lags[name] / self.dt)[0] * seen[i] + x[n + 2 * j]
         return stack(seen)
 
-    def _keep(self, name: str) -> float:
-        return self.lags[name] / (self.lags[name] + self.dt)
+    def _later(self, x: Vector, u: Vector) -> Vector:
+        """The past of lagging inputs one sample later."""
+        seen, drive, n = self._meant(u), self._drive(x, u), self.model.n_states
+        later = []
+        for j, name in enumerate(self.lags):
+            i = self.inputs.index(name)
+            _, one, two, left = lag_weights(self.lags[name] / self.dt)
+            later += [left * drive[i] + one * seen[i] + two * x[n + 2 * j + 1], 1.0 * seen[i]]
+        return stack(later)
 
     def _level(self, y: Vector, sign: float) -> Vector:
         return stack([y[i] + sign * self.outputs_at_zero.get(n, 0.0) for i, n in enumerate(self.outputs)])
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
-        drive = self._drive(x, u)
-        nxt = self.model.step(x[: self.model.n_states], drive)
+        nxt = self.model.step(x[: self.model.n_states], self._drive(x, u))
         if not self.lags:
             return nxt
-        return concatenate([nxt, stack([drive[self.inputs.index(name)] for name in self.lags])])
+        return concatenate([nxt, self._later(x, u)])
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """What the sensors read."""
@@ -255,24 +280,31 @@ class OffsetModel(Wrapper):
         return concatenate([better, x[n:]]) if self.lags else better
 
     def initial_state(self, data: Dataset) -> np.ndarray:
-        """The model's, from corrected channels, and the last values of inputs that lag."""
-        seen = self.behind(data)
-        before = [seen[name][max(self.memory - 2, 0)] for name in self.lags]
-        return np.concatenate([np.asarray(self.model.initial_state(seen), dtype=float), before])
+        """The model's, from corrected channels, and the past of inputs that lag."""
+        last, past, seen = self.memory - 1, [], self.behind(data)
+        for name, lag in self.lags.items():
+            meant = self._corrected(name, data)
+            past += [seen[name][last] - lag_weights(lag / self.dt)[0] * meant[last], meant[max(last - 1, 0)]]
+        return np.concatenate([np.asarray(self.model.initial_state(seen), dtype=float), past])
 
     def behind(self, data: Dataset) -> Dataset:
         """The data as the model means them: channels corrected, lags from rest at the start of each experiment."""
+        seen = data
         for name in dict.fromkeys((*self.inputs_at_zero, *self.gains, *self.lags)):
-            values = self.gains.get(name, 1.0) * (data[name] - self.inputs_at_zero.get(name, 0.0))
+            values = self._corrected(name, data)
             if self.lags.get(name, 0.0):
-                keep = self._keep(name)
+                *taps, left = lag_weights(self.lags[name] / self.dt)
+                rest = np.array([1.0 - taps[0], taps[2]])
                 parts = [values[a:b] for a, b in zip(data.starts, data.stops, strict=True)]
-                late = [lfilter([1 - keep], [1, -keep], part, zi=[keep * part[0]])[0] for part in parts]
-                values = np.concatenate(late)
-            data = data.with_channel(name, values, data.unit(name))
+                values = np.concatenate([lfilter(taps, [1, -left], part, zi=rest * part[0])[0] for part in parts])
+            seen = seen.with_channel(name, values, data.unit(name))
         for name, value in self.outputs_at_zero.items():
-            data = data.with_channel(name, data[name] - value, data.unit(name))
-        return data
+            seen = seen.with_channel(name, data[name] - value, data.unit(name))
+        return seen
+
+    def _corrected(self, name: str, data: Dataset) -> np.ndarray:
+        """An input as its zero and gain correct it."""
+        return self.gains.get(name, 1.0) * (data[name] - self.inputs_at_zero.get(name, 0.0))
 
     def spread(self, data: Dataset) -> np.ndarray:
         """Standard deviation of the free run, shape (n_samples, n_outputs): of the model's, and by the corrections."""
