@@ -38,6 +38,14 @@ MUTANTS = [
     ),
     # ---- identification
     *mistakes(
+        "identify/physics/first_sample.py",
+        "identify/physics/test_first_sample.py",
+        [
+            ("first sample: all noise alike", "noise.get(name, 0.0)", "noise.get(name, 0.0) and 1e-9"),
+            ("first sample: states logged beside are exact", "noise |= _noise_beside", "_ = _noise_beside"),
+        ],
+    ),
+    *mistakes(
         "numerics/covariance.py",
         "identify/physics/test_loose_parameters.py",
         [

@@ -28,7 +28,7 @@ def covariance(
     their autoregression: see `slipangle.numerics.critical`.
     """
     dof = max(1, len(error) - jacobian.shape[1])
-    inverse = _inverse_information(jacobian)
+    inverse = inverse_information(jacobian)
     residuals = error.reshape(-1, n_outputs)
     lags = bandwidth(residuals)
     if not lags:
@@ -53,7 +53,7 @@ def _even(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return jacobian / norms, norms
 
 
-def _inverse_information(jacobian: np.ndarray) -> np.ndarray:
+def inverse_information(jacobian: np.ndarray) -> np.ndarray:
     """Inverse of J' J where that has one, shape (n, n)."""
     even, norms = _even(jacobian)
     return np.linalg.pinv(even.T @ even, rcond=_ROUNDING**2, hermitian=True) / np.outer(norms, norms)

@@ -20,13 +20,13 @@ NOISE = {
 
 
 def noisy(data, kind, rng, size=0.05):
-    """Noise of a colour on every output, but for the first sample, from which the free run starts."""
+    """Noise of a colour on every output, the first sample too, from which the free run starts."""
     numerator, denominator = NOISE[kind]
     power = np.sqrt(np.sum(lfilter(numerator, denominator, np.eye(1, 500)[0]) ** 2))
     n = len(data)
     for output in data.outputs:
         noise = lfilter(numerator, denominator, rng.standard_normal(n + 400))[400:] / power
-        data = data.with_channel(output, data[output] + size * np.std(data[output]) * noise * (np.arange(n) > 0))
+        data = data.with_channel(output, data[output] + size * np.std(data[output]) * noise)
     return data
 
 

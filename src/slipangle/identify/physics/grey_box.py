@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.physics.advise import better_sentences
+from slipangle.identify.physics.first_sample import start_noise
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum, check_names
 from slipangle.identify.physics.starts import STARTS, best_start
 from slipangle.identify.stability import breakdown_said
@@ -50,7 +51,8 @@ class GreyBox(Checked, Generic[M]):
         ``fit(...).for_experiment(i)``. The model that `fit` returns has their means, for recordings that are not
         among the training data.
     free_initial_state : bool
-        Estimate each experiment's initial state too, instead of reading it from its first sample.
+        Estimate each experiment's initial state too, instead of reading it from its first sample, whose noise the
+        intervals count.
     max_iterations : int
         Steps of one fit at most.
     starts : int, optional
@@ -162,7 +164,11 @@ def _uncertainty(
     loose = np.zeros((jacobian.shape[1], 0))
     try:
         rows = [len(y) - 1 for y in problem.measured]
-        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs, lengths=rows)
+        start = start_noise(problem, found, jacobian)
+        spread, colour = uncertainty.covariance(start.error, jacobian, problem.model.n_outputs, lengths=rows)
+        dof = len(found.error) - jacobian.shape[1]
+        moves = uncertainty.inverse_information(jacobian) @ start.pull
+        spread = spread * dof / max(1, dof - start.explained) + moves @ moves.T
         loose = uncertainty.loose_directions(jacobian)
     except (np.linalg.LinAlgError, ArithmeticError):
         spread, colour = np.full((jacobian.shape[1],) * 2, np.inf), "no covariance, as the derivatives overflow"

@@ -176,6 +176,21 @@ class FreeRunProblem:
             slope[:, j] = (states[1] - states[0]) / (ends[1] - ends[0])
         return self._read_state(i, p), slope
 
+    def with_parameters(self, i: int, z: np.ndarray) -> Any:
+        """The model of experiment ``i``."""
+        return self._with(tuple(map(float, self.parameters(i, z))))
+
+    def by_first_sample(self, i: int, z: np.ndarray, names: Sequence[str]) -> np.ndarray:
+        """Derivatives of the state at the first sample of experiment ``i`` by channels there, shape (n_x, n_names)."""
+        ode, head = self.with_parameters(i, z).ode, self.heads[i]
+        slopes = np.zeros((self.n_x, len(names)))
+        for k, name in enumerate(names):
+            here = head[name]
+            h = 1e-4 * max(float(np.std(self.data[name])), 1e-6 * float(np.abs(here[0])), 1e-9)
+            ends = [np.asarray(ode.initial_state(head.with_channel(name, here + d))) for d in (h, -h)]
+            slopes[:, k] = (ends[0] - ends[1]) / (2 * h)
+        return slopes
+
     # ---- errors ------------------------------------------------------------------------------------------------
 
     def simulate(self, i: int, z: np.ndarray) -> np.ndarray:
