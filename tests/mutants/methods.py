@@ -206,6 +206,28 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/scales.py",
+        "identify/linear/test_scales.py",
+        [
+            (
+                "state spaces: covariance in other units than the estimates",
+                "info.covariance * np.outer(by, by)",
+                "info.covariance",
+            )
+        ],
+    ),
+    *mistakes(
+        "models/black_box/statespace.py",
+        "identify/linear/test_scales.py",
+        [
+            (
+                "state spaces: first states of outputs in unlike units",
+                "np.isfinite(size).all() and size.min() > 0",
+                "size.min() < 0",
+            )
+        ],
+    ),
+    *mistakes(
         "models/black_box/lagged.py",
         BLACK_BOX,
         [

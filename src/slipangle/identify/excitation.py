@@ -32,7 +32,7 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
             f"'{data.name}' has {data.n_samples} samples for {n_parameters} parameters; expected at least "
             f"{2 * n_parameters + 2}: record longer or choose a smaller model"
         )
-    still = [name for name in (*data.inputs, *data.outputs) if _is_constant(data[name])]
+    still = [name for name in (*data.inputs, *data.outputs) if is_constant(data[name])]
     if scheduling is not None:
         driving = [name for name in data.inputs if name not in scheduling] or list(data.inputs)
         if any(name not in still for name in driving):
@@ -135,6 +135,7 @@ def _explained(alike: np.ndarray, i: int, others: list[int]) -> float:
     return float(alike[i, others] @ np.linalg.lstsq(known, alike[others, i], rcond=1e-12)[0])
 
 
-def _is_constant(x: np.ndarray) -> bool:
+def is_constant(x: np.ndarray) -> bool:
+    """Whether a signal, shape (n_samples,), moves by no more than rounding."""
     low, high = float(x.min()), float(x.max())  # a long record is not copied
     return high - low <= max(1e-12 * max(-low, high), _DUST)

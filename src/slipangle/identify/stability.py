@@ -12,9 +12,15 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, SimulationError, SlipangleError
-from slipangle.models.plausible import growth
+from slipangle.models.plausible import growth, tenfold
 
 SETTLED = 1 + 1e-5  # largest pole whose errors take 230 000 samples to grow tenfold
+
+_LATER = (
+    "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
+    "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
+    "drifts and offsets make such poles, so remove the means, or ask for offsets='both' or max_radius=1"
+)
 
 
 def noted(model: Any, *sentences: str) -> Any:
@@ -30,6 +36,14 @@ def judged(model: Any, data: Dataset) -> Any:
     It is linear: it has ``poles``.
     """
     return noted(model, growth(model.poles, data.n_longest))
+
+
+def later(poles: np.ndarray, data: Dataset) -> str:
+    """Sentence about the largest pole where errors grow too slowly for the training data to show; else empty."""
+    size = float(np.abs(poles).max())
+    if size <= SETTLED or growth(poles, data.n_longest):
+        return ""
+    return _LATER.format(size=size, steps=tenfold(size))
 
 
 def announced(model: Any) -> Any:

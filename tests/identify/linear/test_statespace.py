@@ -15,6 +15,7 @@ from slipangle.identify.linear.order_search import ROUGH, Effort, Judged, search
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, LinearFit, Triangles, Work
+from slipangle.identify.linear.scales import Scales, sizes
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace, project, suggest_order
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -203,12 +204,13 @@ def test_subspace_agrees_with_slicot(n, nu, ny, noise):
     m = system(n, nu, ny, 3 * n, gain=0.1)
     data, _ = record(m, 2500, n, noise=noise * np.std(markov(m)) * 3)
     s = 12
-    u, y = np.asfortranarray(data.u), np.asfortranarray(data.y)
+    scales = Scales.of(data)  # SLICOT takes the signals as they are
+    u, y = np.asfortranarray(scales.data.u), np.asfortranarray(scales.data.y)
     _, r, sv, _, info = ctrlsys.ib01ad("M", "Q", "M", "O", "N", "N", s, nu, ny, u.copy("F"), y.copy("F"), 0.0, -1.0)
     assert info == 0
     A, C, B, D, *_, info = ctrlsys.ib01bd("C", "A", "N", s, n, nu, ny, 2500, r, 0.0)
     assert info == 0
-    theirs = replace(m, A=A, B=B, C=C, D=D, K=None)
+    theirs = scales.back(replace(m, A=A, B=B, C=C, D=D, K=None))
     ours = Subspace(order=n, algorithm="moesp", block_rows=s, direct=True).fit(data)
     projection = project(data, algorithm="moesp", block_rows=s)
     shown = projection.singular_values[:n] / projection.singular_values[0]
@@ -509,7 +511,7 @@ def test_starts_without_a_group_are_fitted_to_the_others():
     assert distance(whole, subspace.fit(join(*parts))) < 1e-9
     for k, model in enumerate(without):
         rest = join(*parts[:k], *parts[k + 1 :])
-        given = {"A": whole.A, "C": whole.C, "K": whole.K, "direct": True, "offset": True}
+        given = {"A": whole.A, "C": whole.C, "K": whole.K, "direct": True, "offset": True, "sizes": sizes(join(*parts))}
         assert distance(model, replace(whole, **LinearFit(data=rest, **given).solve()[0])) < 1e-9
 
 

@@ -10,12 +10,13 @@ from typing import Literal
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
-from slipangle.identify.linear.estimator import LinearEstimator, described
+from slipangle.identify.linear.estimator import described
 from slipangle.identify.linear.left_out import left_out
 from slipangle.identify.linear.poles import modulus
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.linear.predictor import Point, Work
+from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
 from slipangle.identify.stability import SETTLED, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.plausible import tenfold
@@ -29,7 +30,7 @@ _NEAR = 1e-6  # damping of the first step where the start is all but the minimum
 
 
 @dataclass(frozen=True, kw_only=True)
-class PEM(LinearEstimator[StateSpaceModel]):
+class PEM(ScaledEstimator):
     """Levenberg-Marquardt on the one-step-ahead or the free-run error of a state space. [1]_ ch. 7.
 
     All of A, B, C, D, K is free. Changes of the state's basis, which change nothing outside, are kept out of every
@@ -82,8 +83,11 @@ class PEM(LinearEstimator[StateSpaceModel]):
                 f"each of {', '.join(self.start.outputs)}"
             )
 
+    def _within(self, scales: Scales) -> PEM:
+        return replace(self, start=scales.there(self.start), weights=weighed(self.weights, scales))
+
     @one_blas_thread()
-    def _fit(self, data: Dataset) -> StateSpaceModel:
+    def _scaled_fit(self, data: Dataset) -> StateSpaceModel:
         began = time.perf_counter()
         problem = PredictionCriterion(self, data)
         point, notes = self._solved(problem)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from slipangle.data.dataset import Dataset
+from slipangle.identify.linear.scales import sizes
 from slipangle.numerics.linear_response import LTI, recurrence
 
 
@@ -167,8 +168,9 @@ def reduce_rows(rows: np.ndarray) -> np.ndarray:
 class LinearFit:
     """B, D, the initial state of each experiment and the outputs' level, for given A, C, K.
 
-    The one-step-ahead error is linear in them. With ``offset`` the inputs' means become the input at rest and the
-    outputs' level at that input is estimated.
+    Errors of several outputs count in units of their ``sizes``, by default the standard deviations of the signals. The
+    one-step-ahead error is linear in what is looked for. With ``offset`` the inputs' means become the input at rest and
+    the outputs' level at that input is estimated.
     """
 
     A: np.ndarray
@@ -177,6 +179,7 @@ class LinearFit:
     direct: bool
     offset: bool
     data: Dataset
+    sizes: tuple[np.ndarray, np.ndarray] | None = None  # (n_inputs,), (n_outputs,), of the channels
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Least squares over all experiments: parts of the model, and what its `FitInfo` says of them."""
@@ -188,9 +191,10 @@ class LinearFit:
         names = [f"B[{i},{j}]" for i in range(n) for j in range(nu)]
         names += [f"D[{i},{j}]" for i in range(ny) for j in range(nu)] if self.direct else []
         names += [f"y_offset[{o}]" for o in data.outputs] if self.offset else []
-        values = theta.copy()
+        by = self._units(p)
+        values, pinv = theta * by, pinv * by[:, None]
         values[p - ny :] += self._levels[1] if self.offset else 0.0
-        noise = np.full(ny, np.sqrt(left / dof))
+        noise = np.sqrt(left / dof) * self._sizes[1]
         told = {"names": tuple(names), "values": values, "covariance": pinv @ pinv.T * left / dof, "noise_std": noise}
         return self._parts(theta) | {"x0": work.solve_locals(theta)}, told
 
@@ -204,6 +208,22 @@ class LinearFit:
         return [self._parts(self._estimate(first.joined(*others))[0]) for first, *others in kept]
 
     @cached_property
+    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        return sizes(self.data) if self.sizes is None else self.sizes
+
+    @cached_property
+    def _scaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """C and K of signals in those sizes."""
+        y = self._sizes[1]
+        return self.C / y[:, None], self.K * y
+
+    def _units(self, count: int) -> np.ndarray:
+        """What the shared unknowns are multiplied by."""
+        u, y = self._sizes
+        each = [np.tile(1 / u, len(self.A)), *([np.outer(y, 1 / u).ravel()] if self.direct else [])]
+        return np.concatenate([*each, *([y] if self.offset else [])])[:count]
+
+    @cached_property
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
         """Of inputs and outputs, which the errors are linear around."""
         data = self.data
@@ -215,8 +235,9 @@ class LinearFit:
     def _systems(self) -> tuple[Bank, LTI]:
         """Responses to the inputs and the level, and the part of the prediction that K makes of the outputs."""
         F, ny = self.A - self.K @ self.C, len(self.C)
-        own = LTI(A=F, B=self.K, C=self.C, D=np.zeros((ny, ny)))
-        return Bank(F, self.C, len(self.data.inputs) + self.offset), own
+        C, K = self._scaled
+        own = LTI(A=F, B=K, C=C, D=np.zeros((ny, ny)))
+        return Bank(F, C, len(self.data.inputs) + self.offset), own
 
     def _triangles(self, data: Dataset) -> Triangles:
         """Of all rows, from experiments that are some of the data."""
@@ -230,7 +251,7 @@ class LinearFit:
             state = np.zeros(n)
             for a in range(start, stop, size):
                 rows = data.values[a : min(a + size, stop)]
-                u, y = rows[:, inputs] - u0, rows[:, outputs] - y0
+                u, y = (rows[:, inputs] - u0) / self._sizes[0], (rows[:, outputs] - y0) / self._sizes[1]
                 known, state = own.respond(state, y)
                 signals = np.hstack([u, np.ones((len(u), 1))]) if self.offset else u
                 work.add(self._rows(bank.respond(signals), u, y - known))
@@ -245,10 +266,10 @@ class LinearFit:
         unit = np.eye(ny)
         if self.direct:
             straight = unit[:, :, None] * u[:, None, None, :]  # sample, output, row of D, input
-            back = np.einsum("kyij,il->kylj", response[..., :nu], self.K)
+            back = np.einsum("kyij,il->kylj", response[..., :nu], self._scaled[1])
             parts.append((straight - back).reshape(n_samples, ny, ny * nu))
         if self.offset:
-            parts.append(unit - np.einsum("kyi,il->kyl", response[..., nu], self.K))
+            parts.append(unit - np.einsum("kyi,il->kyl", response[..., nu], self._scaled[1]))
         parts.append(target[:, :, None])
         return np.concatenate(parts, axis=2).reshape(n_samples * ny, -1)
 
@@ -270,7 +291,7 @@ class LinearFit:
     def _parts(self, theta: np.ndarray) -> dict[str, Any]:
         """B, D and levels of the shared unknowns."""
         n, ny, nu = len(self.A), len(self.C), len(self.data.inputs)
-        u0, y0 = self._levels
+        (u0, y0), theta = self._levels, theta * self._units(len(theta))
         B, rest = theta[: n * nu].reshape(n, nu), theta[n * nu :]
         D = rest[: ny * nu].reshape(ny, nu) if self.direct else np.zeros((ny, nu))
         level = rest[-ny:] if self.offset else np.zeros(ny)

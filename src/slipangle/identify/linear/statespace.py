@@ -12,15 +12,16 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
-from slipangle.identify.linear.estimator import LinearEstimator, criteria
+from slipangle.identify.linear.estimator import criteria
 from slipangle.identify.linear.order_search import FINISHED, HOPELESS, ROUGH, TIE, Effort, Judged, searched
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.predictor import Work
+from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
-from slipangle.identify.stability import SETTLED, breakdown_said, noted
+from slipangle.identify.stability import breakdown_said, later, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
-from slipangle.models.plausible import growth, tenfold
+from slipangle.models.plausible import growth
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
@@ -55,7 +56,7 @@ class OrderChoice(Shown):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpace(LinearEstimator[StateSpaceModel]):
+class StateSpace(ScaledEstimator):
     """State-space estimator: `Subspace`, then `PEM`; where the order is open, `choose_order` settles it.
 
     A free-run fit without a limit on the poles can end at a model whose free run holds only from the very initial
@@ -99,12 +100,15 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
     _what = "the state space"
 
-    def _fit(self, data: Dataset) -> StateSpaceModel:
+    def _within(self, scales: Scales) -> StateSpace:
+        return replace(self, weights=weighed(self.weights, scales))
+
+    def _scaled_fit(self, data: Dataset) -> StateSpaceModel:
         if isinstance(self.order, int):
             return self._usable(data, self.order)
-        began, choice = time.perf_counter(), self.choose_order(data)
-        choice, model = self._lasting(data, choice)
-        model = noted(model, _later(model.poles, data)) if self.focus == "simulation" else model
+        began = time.perf_counter()
+        choice, model = self._lasting(data, self._compared(data))
+        model = noted(model, later(model.poles, data)) if self.focus == "simulation" else model
         info: Any = model.fit_info
         found = {"candidates": choice.candidates, "method": f"{choice.said}; {info.method}"}
         return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
@@ -159,6 +163,10 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
+        scales = Scales.of(data)
+        return self._within(scales)._compared(scales.data)
+
+    def _compared(self, data: Dataset) -> OrderChoice:
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
         seen, parts, holdout = self._held_out(data)
         failures: dict[int, str] = {}
@@ -338,9 +346,9 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
         start = self._subspace(order)._fit(data)
         refined = self._pem(start, self.max_iterations)._fit(data)
-        info = refined.fit_info
-        if info is not None and start.fit_info is not None:
-            info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")
+        info, first = refined.fit_info, start.fit_info
+        if info is not None and first is not None:
+            info = replace(info, method=f"{info.method}; start: {first.method}")
         return replace(refined, fit_info=info, memory=self.memory or refined.memory)
 
     def _subspace(self, order: int) -> Subspace:
@@ -366,23 +374,10 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 _STEPS = 20  # of a refinement that is only to tell orders apart
 _FAR = 1e-4  # share of the squared error by which the last step lowers it, of models without a group
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
-_LATER = (
-    "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
-    "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
-    "drifts and offsets make such poles, so remove the means, or ask for offsets='both' or max_radius=1"
-)
 _ASTRAY = (
     "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
     "model goes astray: {what}; expected data that a free run can follow: use focus='prediction', or another order"
 )
-
-
-def _later(poles: np.ndarray, data: Dataset) -> str:
-    """Sentence about the largest pole where errors grow too slowly for the training data to show; else empty."""
-    size = float(np.abs(poles).max())
-    if size <= SETTLED or growth(poles, data.n_longest):
-        return ""
-    return _LATER.format(size=size, steps=tenfold(size))
 
 
 def _follows(model: StateSpaceModel, data: Dataset) -> bool:

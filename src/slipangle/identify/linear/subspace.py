@@ -19,6 +19,7 @@ from slipangle.identify.linear.estimator import LinearEstimator, channels, descr
 from slipangle.identify.linear.lags import Windows, triangle
 from slipangle.identify.linear.poles import grown, mirrored
 from slipangle.identify.linear.predictor import LinearFit
+from slipangle.identify.linear.scales import sizes
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.blas import one_blas_thread
 
@@ -107,7 +108,9 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
         count = 0 if K.any() else int(grown(A, data.n_longest).sum())
         A = mirrored(A, data.n_longest) if count else A
-        return LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data), count
+        u, y = sizes(data)
+        parts = {"A": A, "C": y[:, None] * C, "K": K / y, "sizes": (u, y)}
+        return LinearFit(**parts, direct=self.direct, offset=self.offset, data=data), count
 
     def rows(self, data: Dataset) -> int:
         """Block rows used on these data."""
@@ -130,7 +133,8 @@ class Subspace(LinearEstimator[StateSpaceModel]):
 class ObliqueProjection:
     """The oblique projection of future outputs on the past, compressed into small matrices.
 
-    The columns of ``r`` have the inner products of the windows' entries, so they stand for the signals.
+    The columns of ``r`` have the inner products of the windows' entries, each over the standard deviation of its
+    channel, so they stand for the signals in no units.
     """
 
     r: np.ndarray
@@ -202,6 +206,7 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
             "than rows: record longer, without gaps, or use fewer block_rows"
         )
     r, solver = _compress(windows, data)
+    r = r / np.tile(np.concatenate(sizes(data)), 2 * s)
     oblique, (_, u_future, future) = _oblique(r, nu, ny, s), _split(r, nu, ny, s)
     target, weight = oblique, np.eye(s * ny)
     if algorithm != "n4sid":

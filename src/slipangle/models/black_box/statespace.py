@@ -172,6 +172,7 @@ class StateSpaceModel(BlackBoxModel):
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State at the last sample of ``data``: least squares on the one-step-ahead errors over all of them.
 
+        Errors of several outputs are weighed by the standard deviations of the fit's residuals, where it tells them.
         Where the samples do not determine the state, the smallest one that explains them is taken.
         """
         u, y = data.columns(self.inputs) - self.u_offset, data.columns(self.outputs) - self.y_offset
@@ -182,10 +183,20 @@ class StateSpaceModel(BlackBoxModel):
         for k in range(len(z) - 1):  # few samples
             forced[k + 1] = predictor.A @ forced[k] + driven[k]
         last = y - forced @ self.C.T - z @ predictor.D.T
-        first: Any = np.linalg.lstsq((self.C @ free).reshape(-1, n), last.ravel(), rcond=1e-10)[0]
+        rows, size = (self.C @ free).reshape(-1, n), self._size
+        if size is not None:
+            rows, last = rows / np.tile(size, len(z))[:, None], last / size
+        first: Any = np.linalg.lstsq(rows, last.ravel(), rcond=1e-10)[0]
         x = forced[-1] + free[-1] @ first
         e = y[-1] - self.C @ x - self.D @ u[-1]
         return x + self._gain @ e if self._gain is not None else np.concatenate([x, e])
+
+    @cached_property
+    def _size(self) -> np.ndarray | None:
+        """Of each output's error, shape (n_outputs,); None where only one output has errors, or it is not known."""
+        size = np.zeros(0) if self.fit_info is None else self.fit_info.noise_std
+        known = len(size) == self.n_outputs > 1 and np.isfinite(size).all() and size.min() > 0
+        return size / size.max() if known else None
 
     def _powers(self, count: int) -> np.ndarray:
         """Of the predictor's A from the zeroth on, shape (count, order, order)."""
