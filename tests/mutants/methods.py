@@ -202,6 +202,11 @@ MUTANTS = [
         [
             ("late input: the record's first sample for what was before it", "self.unknown if cut else 0", "0"),
             ("continuous time: how a first state fades tells nothing", "gains + other @ states", "gains"),
+            (
+                "process models: fitted to what holds nothing",
+                "    require_identifiable(cut.data, len(cut.names))\n",
+                "",
+            ),
             ("late input: no record is used whole", "return ends[0] if doubt else ends[1]", "return ends[0]"),
         ],
     ),

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 import slipangle as sa
-from slipangle.errors import IdentifiabilityWarning, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError
 from slipangle.identify.linear.process import ProcessModel
 
 DT, N, FINE = 0.05, 400, 20
@@ -132,6 +132,17 @@ def test_bad_input_is_said():
     data = log("P1D")
     with pytest.raises(ParameterError, match="expected one of each"):
         ProcessModel().fit(data.select(inputs=["delta", "r"], outputs=["r"]))
+
+
+@pytest.mark.parametrize("form", ["P1D", "P2DU", "P1"])
+def test_what_holds_nothing_is_refused(form):
+    data, one = log("P1D"), np.ones(N)
+    for u, y, role in ((one, data["r"], "input"), (data["delta"], one, "output"), (0 * one, 0 * one, "input")):
+        still = sa.Dataset.from_arrays({"delta": u}, {"r": y}, DT)
+        with pytest.raises(ExcitationError, match=f"the {role} .* is constant"):
+            ProcessModel(form=form).fit(still)
+    with pytest.raises(TooShortError, match=r"has 5 samples for \d parameters; expected at least"):
+        ProcessModel(form=form).fit(data.rows(0, 5))
 
 
 def test_what_the_record_does_not_tell_is_said():

@@ -17,6 +17,7 @@ from scipy import special
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, TooShortError
+from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.estimator import channels, described
 from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.covariance import covariance, loose_directions, unlimited
@@ -236,9 +237,10 @@ def searched(problem: Callable[[bool], R]) -> tuple[R, np.ndarray]:
     ``problem`` makes it, cut or not. Errors of the samples whose input is unknown, taken for constant, must not be
     larger than the others are, by an F test; where they are left out though they need not be, little is lost.
 
-    Raises TooShortError where too few samples are left without them.
+    Raises ExcitationError or TooShortError where the data cannot tell, or too few samples are left without them.
     """
     cut = problem(True)
+    require_identifiable(cut.data, len(cut.names))
     if not cut.unknown:
         return cut, cut.search()
     n, least = len(cut.y), len(cut.names) + cut.order * len(cut.pieces) + 2

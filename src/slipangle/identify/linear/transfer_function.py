@@ -16,7 +16,6 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError
 from slipangle.fields import Count, NotNegative, Positive, Whole
-from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.continuous import SLOPE, HeldResponse, searched, unforced
 from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.models.black_box.continuous import ContinuousTimeModel
@@ -76,7 +75,6 @@ class TransferFunction(LinearEstimator[ContinuousTimeModel]):
     @one_blas_thread()
     def _fit(self, data: Dataset) -> ContinuousTimeModel:
         began = time.perf_counter()
-        require_identifiable(data, len(_Problem(self, data, cut=False).names))
         problem, point = searched(lambda cut: _Problem(self, data, cut=cut))
         units = tuple(problem.unit(name) for name in problem.names)
         method = f"free-run error, variable projection from {_STARTS} points refined by instrumental variables"
