@@ -85,7 +85,7 @@ def test_records_cut_from_a_running_system(form, delay):
     truth = np.array([GAIN, LAG, delay][: 2 + ("D" in form)])
     infos = [ProcessModel(form=form).fit(running(seed, delay=delay)).fit_info for seed in range(8)]
     off = np.array([(info.values - truth) / info.std for info in infos])
-    assert np.sqrt(np.mean(off**2)) < 1.5  # 3 to 9 with the input before them taken for the first sample
+    assert np.sqrt(np.mean(off**2)) < 1.5
     assert {info.n_samples for info in infos} == {500 if "D" in form else 600}
 
 
