@@ -124,12 +124,20 @@ class FitInfo(Shown):
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def std_of(self, slope: Sequence[float] | np.ndarray) -> float:
-        """Standard deviation of a quantity with these derivatives by the estimates, shape (n_free,), to first order.
+        """Standard deviation of a quantity that is made of the estimates, to first order, in its unit.
 
         It is finite for what the data determine, even of estimates that are infinitely uncertain one by one: where
         k1 and k2 act as a product alone, that of ``[k2, k1]``.
 
-        Raises ParameterError if the derivatives are not as many as the estimates.
+        Parameters
+        ----------
+        slope : array, shape (n_free,)
+            Derivatives of the quantity by the estimates, in its unit over theirs.
+
+        Raises
+        ------
+        ParameterError
+            If the derivatives are not as many as the estimates.
         """
         by = np.asarray(slope, dtype=float)
         if by.shape != (len(self.names),):

@@ -56,7 +56,7 @@ class FrequencyResponse:
     coherence : array, shape (n,), optional
         Of data: share of the output's power that follows the input, 0 to 1.
     freedom : float, optional
-        Of data: degrees of freedom that the noise is estimated with.
+        Of data: degrees of freedom that the noise is estimated with. [-]
     """
 
     frequency: np.ndarray

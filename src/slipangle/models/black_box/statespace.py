@@ -14,6 +14,8 @@ from slipangle.models.model import FitInfo, derived
 from slipangle.numerics.linear_response import LTI
 from slipangle.ops import Vector, concatenate, matmul
 
+_UNLIKE = 10.0  # over another output's residuals, from which units are unlike; from its square on they are for sure
+
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpaceModel(BlackBoxModel):
@@ -172,7 +174,8 @@ class StateSpaceModel(BlackBoxModel):
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State at the last sample of ``data``: least squares on the one-step-ahead errors over all of them.
 
-        Errors of several outputs are weighed by the standard deviations of the fit's residuals, where it tells them.
+        Errors of several outputs count alike as long as the fit's residuals are of like size in their units, up to a
+        factor of 10, and from 100 on over the residuals' standard deviations.
         Where the samples do not determine the state, the smallest one that explains them is taken.
         """
         u, y = data.columns(self.inputs) - self.u_offset, data.columns(self.outputs) - self.y_offset
@@ -193,10 +196,11 @@ class StateSpaceModel(BlackBoxModel):
 
     @cached_property
     def _size(self) -> np.ndarray | None:
-        """Of each output's error, shape (n_outputs,); None where only one output has errors, or it is not known."""
+        """What errors of each output count over, shape (n_outputs,); None where all count alike, or none is known."""
         size = np.zeros(0) if self.fit_info is None else self.fit_info.noise_std
         known = len(size) == self.n_outputs > 1 and np.isfinite(size).all() and size.min() > 0
-        return size / size.max() if known else None
+        unlike = np.log10(size.max() / size.min()) / np.log10(_UNLIKE) - 1.0 if known else 0.0
+        return (size / size.max()) ** min(unlike, 1.0) if unlike > 0 else None
 
     def _powers(self, count: int) -> np.ndarray:
         """Of the predictor's A from the zeroth on, shape (count, order, order)."""
