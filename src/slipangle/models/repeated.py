@@ -198,6 +198,12 @@ def as_one(step: Repeated | ca.Function) -> ca.Function:
     return step.whole("repeated") if isinstance(step, Repeated) else step
 
 
+def one_step(model: OdeModel) -> Callable[[Any, Any], Any]:
+    """``(y, v) -> y`` one of the steps of a sample later."""
+    sizes = {"n_states": model.n_states, "n_inputs": model.n_inputs}
+    return discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
+
+
 def _around(model: Model, step: Callable[[Any, Any], Any]) -> tuple[Model, OdeModel] | None:
     """The model with another step of the equations inside, and these; None where a sample is one step, or their own."""
     if isinstance(model, OdeModel):
@@ -241,8 +247,7 @@ def _short_step(
 ) -> tuple[ca.Function, int, Carried] | None:
     """One of the steps on top of those before, and how long it is alone; None without symbols."""
     n = model.n_states
-    sizes = {"n_states": n, "n_inputs": model.n_inputs}
-    step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
+    step = one_step(model)
     y, inputs = ca.SX.sym("y", n), ca.SX.sym("v", model.n_inputs)
     v = ca.vertcat(inputs, *([] if parameters is None else [parameters]))
     later = step(y, inputs)

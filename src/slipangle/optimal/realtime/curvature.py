@@ -12,8 +12,7 @@ from slipangle.codegen.derivatives import jacobians
 from slipangle.codegen.expression import scalars
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
-from slipangle.models.repeated import Chain, chain
-from slipangle.numerics.integrate import discretise
+from slipangle.models.repeated import Chain, chain, one_step
 from slipangle.optimal.linked import Linked
 from slipangle.optimal.ocp import OCP
 
@@ -128,11 +127,9 @@ def curvature_sweeps(ocp: OCP) -> Sweeps | None:
 
 def _one_back(steps: Chain, weights: Any) -> tuple[Any, Any, Any, Any]:
     """Symbols s and v of a step; first derivatives of its weighed result by y and v, and second ones as r has them."""
-    model, n, many = steps.equations, steps.equations.n_states, len(steps.moved)
+    n, many = steps.equations.n_states, len(steps.moved)
     y, v = ca.SX.sym("y", n), ca.SX.sym("v", steps.inputs.shape[0])
-    sizes = {"n_states": n, "n_inputs": model.n_inputs}
-    step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
-    weighed, by = ca.dot(weights, ca.vertcat(step(y, v))), ca.vertcat(y, v[steps.moved])
+    weighed, by = ca.dot(weights, ca.vertcat(one_step(steps.equations)(y, v))), ca.vertcat(y, v[steps.moved])
     from_start = ca.vertcat(ca.horzcat(*steps.carried.matrices), ca.horzcat(ca.SX(many, n), ca.SX.eye(many)))
     second = ca.mtimes(from_start.T, ca.mtimes(_hessian(weighed, by), from_start))
     return ca.vertcat(y, *steps.carried.symbols), v, ca.gradient(weighed, by), second
