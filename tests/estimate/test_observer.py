@@ -7,6 +7,7 @@ import pytest
 
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
+from slipangle.estimate.moving_horizon import MHE
 from slipangle.estimate.observed import Observed
 from slipangle.identify.linear.arx import ARX
 from slipangle.models.black_box.narx import NARXModel
@@ -160,6 +161,20 @@ def test_outliers_are_left_out_until_there_are_too_many_in_a_row():
     assert not taken[20]
     assert taken[30:36] == [False] * 5 + [True]
     assert sum(taken[:20]) == 20
+
+
+@pytest.mark.parametrize("gate", [5, np.float32(5.0)], ids=["int", "single"])
+@pytest.mark.parametrize("kind", [EKF, MHE])
+def test_a_gate_is_the_same_as_an_integer(kind, gate):
+    y, u = driven(BICYCLE, 30, 4)[1:]
+    noise, process = ({n: NOISE[n] for n in BICYCLE.outputs}, dict.fromkeys(BICYCLE.states, 0.02))
+    common = {"start": BICYCLE, "noise_std": noise, "process_std": process}
+    same = [kind(**common, gate=g).start_at() for g in (gate, 5.0)]
+    for k in range(30):
+        for tracker in same:
+            tracker.update(y[k], u[k])
+        assert same[0].taken.all()
+        np.testing.assert_array_equal(same[0].state, same[1].state)
 
 
 def gated(model, y, u, name):

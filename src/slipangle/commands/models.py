@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,7 @@ def _identify(options: argparse.Namespace) -> Answer:
             return fitted[wanted.name]
 
         models, failures = each_model(settings, fit)
-    targets = {name: Path(options.out) / f"{_slug(name)}.json" for name in models}
+    targets = _files(options.out, models)
     before = {name: replaced(path) for name, path in targets.items()}
     paths = {name: save(model, targets[name]) for name, model in models.items()}
     fits = {name: _fits(model, logs, settings) for name, model in models.items()}
@@ -228,6 +229,17 @@ def load_models(files: list[str]) -> dict[str, Model]:
             )
         models[Path(file).stem] = record
     return models
+
+
+def _files(folder: str, names: Iterable[str]) -> dict[str, Path]:
+    """A file for each model, by its name; those that would have the same one are numbered."""
+    taken: dict[str, Path] = {}
+    for name in names:
+        stem, count = _slug(name), 1
+        while (path := Path(folder) / f"{stem}{'' if count == 1 else f'-{count}'}.json") in taken.values():
+            count += 1
+        taken[name] = path
+    return taken
 
 
 def _slug(name: str) -> str:

@@ -84,8 +84,8 @@ class Gates:
     """
 
     def __init__(self, n: int, gate: float | None, patience: int) -> None:
-        self._closed, self._patience = OPEN if gate is None else gate**2, patience
-        self.squares = np.full(n, self._closed)  # of the gates, over the variance
+        self._closed, self._patience = OPEN if gate is None else float(gate) ** 2, patience
+        self.squares = np.full(n, self._closed, dtype=float)  # of the gates, over the variance
         self.counts = np.zeros(n, dtype=int)  # of what was not taken in
         self._in_row = np.zeros(n, dtype=int)  # negative below the prediction
 

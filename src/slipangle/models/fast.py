@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+from slipangle.errors import ParameterError
+
 _CHUNK, _FEWEST = 256, 32  # samples per call of the virtual machine: most, and what fewer are made up to a whole of
 
 
@@ -106,7 +108,16 @@ def _mapped(function: ca.Function, count: int) -> ca.Function:
 
 
 def bind(function: Any, arguments: Sequence[np.ndarray], *results: np.ndarray) -> Callable[[], None]:
-    """A call that reads the argument arrays and writes the result arrays in place (rows are samples)."""
+    """A call that reads the argument arrays and writes the result arrays in place (rows are samples).
+
+    Raises ParameterError for an array that does not hold doubles one behind the other, which would be misread.
+    """
+    for array in (*arguments, *results):
+        if array.dtype != np.float64 or not array.flags.c_contiguous:
+            raise ParameterError(
+                f"an array of shape {array.shape} holds {array.dtype}; expected doubles one behind the other: make it "
+                "by np.ascontiguousarray(..., dtype=float)"
+            )
     buffer, run = function.buffer()
     for i, array in enumerate(arguments):
         buffer.set_arg(i, array.data)

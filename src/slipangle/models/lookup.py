@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from slipangle.equal import Equal
 from slipangle.errors import ParameterError, nearest
 from slipangle.ops import Scalar, is_symbolic, where
 from slipangle.shown import Brief
@@ -16,8 +17,8 @@ from slipangle.shown import Brief
 KINDS = ("linear", "cubic", "monotone")
 
 
-@dataclass(frozen=True, eq=False)
-class LookupTable(Brief):
+@dataclass(frozen=True)
+class LookupTable(Brief, Equal):
     """Values on a grid of one or two axes, with what is between them: for equations, terms and measured curves.
 
     It works on numbers, arrays and symbols. Segments are picked by comparisons that are multiplied, so that C has no

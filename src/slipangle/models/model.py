@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.equal import Equal
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
@@ -275,7 +276,7 @@ def taken(path: str) -> Any:
     return derived(attrgetter(path))
 
 
-class Model(FastPaths, Brief, abc.ABC):
+class Model(FastPaths, Brief, Equal, abc.ABC):
     """A discrete-time state space: everything that can be identified, validated and controlled with.
 
     Subclasses are frozen and supply `initial_state`, `step` and `output`; the last two must work on

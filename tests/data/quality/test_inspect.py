@@ -58,6 +58,20 @@ def test_spikes_are_found_with_time_and_size_and_removed(size, quantum, samples)
     assert len(repaired.notes) == len(rows)
 
 
+@pytest.mark.parametrize("many", [36, 44, 80, 200])
+def test_dropouts_are_found_however_many_there_are(many):
+    """From 1 % of the samples on they are the tail that the usual scatter was once told by."""
+    rng = np.random.default_rng(4)
+    clean = 20 + 2 * np.sin(0.002 * np.arange(4000)) + 0.02 * rng.normal(size=4000)
+    rows = np.arange(15, 3990, 3980 // many)[:many]
+    dirty = clean.copy()
+    dirty[rows] = 0.0
+    data = one(dirty, "v_x", "m/s", dt=0.02)
+    assert [s.row for s in find_spikes(data, "v_x")] == rows.tolist()
+    repaired, _ = despike(data, "v_x")
+    np.testing.assert_allclose(repaired["v_x"], clean, atol=0.2)
+
+
 @pytest.mark.parametrize(
     "x",
     [

@@ -7,7 +7,7 @@ import pytest
 
 from slipangle import errors
 from slipangle.data.dataset import Channel, Dataset, join
-from slipangle.data.readers import Column, read, read_csv, write_csv
+from slipangle.data.readers import Column, open_log, read, read_csv, write_csv
 from slipangle.data.readers.text_dialect import parse_heading
 
 GOOD = "t [s],delta [deg],yaw [deg/s]\n" + "".join(f"{0.01 * k:.2f},{math.sin(k):.6f},{k * 0.5}\n" for k in range(30))
@@ -66,7 +66,7 @@ def test_headings(text, name, unit):
     assert (heading.name, heading.unit) == (name, unit)
 
 
-@pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   "])
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   ", "|", " | "])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_separators_and_line_ends(log, delimiter, newline):
     text = table(steady()).replace(",", delimiter).replace("\n", newline)
@@ -584,6 +584,7 @@ def test_a_filter_cuts_rows_and_leaves_gaps(log):
         ([f"2026-05-01T14:00:00.{10 * k:03d}Z" for k in range(30)], {}),
         ([f"2026-05-01 14:00:00.{10 * k:03d}+02:00" for k in range(30)], {}),
         ([f"23:59:59.{10 * k:03d}" for k in range(30)], {}),
+        ([f"1.05.2026 9:00:59.{10 * k:03d}" for k in range(30)], {}),
     ],
 )
 def test_time_comes_in_many_forms(log, stamps, settings):
@@ -591,6 +592,32 @@ def test_time_comes_in_many_forms(log, stamps, settings):
     data = read_csv(log(text), ["r"], **settings)
     assert data.dt == pytest.approx(0.01, rel=1e-6)
     assert data.n_samples == 30
+
+
+@pytest.mark.parametrize("stamp", ["03/04/2026 14:00:00.{:03d}", "2:00:00.{:03d} PM"])
+def test_a_date_that_can_be_read_in_two_ways_is_refused(log, stamp):
+    lines = [f"{stamp.format(10 * k)},{k}" for k in range(30)]
+    with pytest.raises(errors.FormatError, match=r"expected a date and time that can be read in one way"):
+        read_csv(log("t,r\n" + "\n".join(lines)), ["r"], time="t")
+
+
+def test_the_day_stands_before_the_month_between_dots(log):
+    rows = [f"{day:02d}.02.2026 23:59:59.{ms:03d},1" for day, ms in ((27, 0), (27, 500), (28, 0))]
+    stamps = open_log(log("t,r\n" + "\n".join(rows))).tables[""].numbers(0)
+    np.testing.assert_allclose(np.diff(stamps), [0.5, 86399.5])
+
+
+def test_stamps_that_rise_too_fast_for_seconds_are_refused(log):
+    """Minutes would be slow enough to be seconds, hours are not."""
+    with pytest.raises(errors.TimeError, match=r"rises by 2.78e-06 .* expected seconds, which these cannot be"):
+        read_csv(log("t,v_x\n" + "\n".join(f"{0.01 * k / 3600:.12f},{k}" for k in range(30))))
+
+
+def test_headings_between_quotes_may_hold_blanks(log):
+    rows = "\n".join(f"{0.1 * k:.1f} {k}.5   {k}" for k in range(30))
+    data = read_csv(log('"time [s]" "yaw rate [deg/s]"   "v_x [km/h]"\n' + rows))
+    assert data.names == ("yaw rate", "v_x")
+    np.testing.assert_allclose(data["v_x"], np.arange(30) / 3.6)
 
 
 def test_a_damaged_date_is_named(log):

@@ -287,11 +287,12 @@ def test_odd_labels_of_a_matlab_file_leave_its_numbers_findable(write, tmp_path)
     }
 
 
-def test_dates_in_days_are_asked_for_by_their_unit(tmp_path):
-    t = 738000.25 + MADE.t / 86400
+@pytest.mark.parametrize("day", [738000.25, 46143.25], ids=["datenum", "spreadsheet"])
+def test_dates_in_days_are_asked_for_by_their_unit(tmp_path, day):
+    t = day + MADE.t / 86400
     path = tmp_path / "x.csv"
     path.write_text("time,r [rad/s]\n" + "\n".join(f"{a:.11f},{b:.6f}" for a, b in zip(t, MADE.r, strict=True)))
-    with pytest.raises(TimeError, match=r"begins at 738000.25 and rises .* days: name the unit, .* \[d\]'"):
+    with pytest.raises(TimeError, match=r"begins at \d+.25 and rises .* days: name the unit, .* \[d\]'"):
         sa.read(path)
     data = sa.read(path, time=sa.Column("time", "d"))
     assert data.dt == pytest.approx(0.01, rel=1e-3)

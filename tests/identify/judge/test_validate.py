@@ -69,6 +69,31 @@ def test_a_true_model_is_not_said_to_lack_dynamics(estimator, sets):
     assert said <= 0.05 * sets
 
 
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_a_true_model_is_not_said_to_lack_dynamics_over_a_long_test(colour):
+    """Without its estimates' own error it is said of two thirds of them."""
+    rng, said, unsure = np.random.default_rng(19), 0, 0
+    for _ in range(25):
+        u = np.repeat(rng.standard_normal(1100), 3)
+        noise = lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], rng.standard_normal(3700))[400:]
+        data = Dataset.from_arrays({"u": u}, {"y": lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], u) + noise}, 0.1)
+        train, test = data.rows(0, 300), data.rows(300, 3300)
+        sentence = validate(OutputError(nb=2, nf=2).fit(train), test).residuals["y"].sentences[1]
+        said += "still depends" in sentence
+        unsure += "train on more of them" in sentence
+    assert said <= 1
+    assert unsure > 5
+
+
+def test_a_test_part_of_a_few_samples_is_judged():
+    rng = np.random.default_rng(20)
+    u, y = rng.standard_normal((2, 60))
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 0.1)
+    model = ARX(na=2, nb=2).fit(data.rows(0, 50))
+    for n in (4, 5, 9):
+        assert len(validate(model, data.rows(50, 50 + n)).residuals["y"].sentences) == 2
+
+
 def test_width_is_exact_where_variables_are_independent_or_one():
     exact = norm.isf((1 - 0.99 ** (1 / 30)) / 2)
     assert simultaneous_width(30, 0.0, 0.01) == pytest.approx(exact, abs=0.01)

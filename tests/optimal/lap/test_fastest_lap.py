@@ -99,6 +99,7 @@ def test_the_lap_beats_its_quasi_steady_start_and_the_middle_of_the_track():
     lap = lap_of_the_circuit()
     middle = sa.fastest_lap(RACER, circuit(), line="given", points=80)
     assert np.abs(middle.n).max() <= 0.05 + 1e-6
+    assert middle.sensitivities["width"] == pytest.approx(0.0, abs=1e-9)
     assert lap.time < 0.95 * middle.time
     assert lap.time < 1.1 * lap.quasi_steady
 

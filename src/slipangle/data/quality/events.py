@@ -14,6 +14,7 @@ from slipangle.errors import ParameterError, UnitError
 
 _ALONE = 1.5  # of the largest step near by, which a spike exceeds: the summit of a steep signal does not
 _NEAR_TURN = 0.1  # of a turn, within which a leap of any angle is one
+_NEAR = 25  # samples, of which fewer than half stand alone
 _NORMAL_P99 = 2.5758  # 99 % of a normal law lies within this many standard deviations
 FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
 """Largest believable change per second, by quantity, SI: no tire accelerates a car by more than about 1.5 g."""
@@ -84,6 +85,12 @@ def _spread(residual: np.ndarray) -> float:
     return float(max(1.4826 * np.median(size), np.percentile(size, 99) / _NORMAL_P99))
 
 
+def _usual(residual: np.ndarray) -> float:
+    """The same where samples that stand alone are many: they are not what most samples near them are."""
+    near = 1.4826 * ndimage.median_filter(np.abs(residual), _NEAR, mode="nearest")
+    return min(_spread(residual), float(max(np.median(near), np.percentile(near, 99))))
+
+
 def level_step(x: np.ndarray) -> float:
     """Step between the levels a quantised signal takes; 0 if it is not quantised.
 
@@ -135,7 +142,7 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
     unit = data.unit(channel)
     residual = np.concatenate([p[channel] - _median(p[channel], width) for p in data.experiments])
     floor = max(1e-4 * float(np.ptp(data[channel])), level_step(data[channel]) / 4)
-    limit = threshold * max(_spread(residual), floor)
+    limit = threshold * max(_usual(residual), floor)
     size = np.abs(residual)
     stands_out = np.asarray(size > limit)
     steps = np.concatenate([np.append(np.abs(np.diff(part[channel])), 0.0) for part in data.experiments])

@@ -36,9 +36,10 @@ _TIME_NAMES = ("t", "time", "timestamp", "timestamps", "zeit", "tempo", "tiempo"
 _STEPS = ("interval", "utc", "elapsed")  # these only with a unit of time: others call a step or a place so
 _EPOCH = 1e7  # larger first stamps count from the log's start [s]
 _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
-_TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
-_HOURS = 1e4  # and in any log [s]
-_DAYS = (5e5, 1e6, 1e-4)  # stamps that count days since the year 0 lie between these, and rise by less
+_TOO_SLOW, _HOURS = 5.0, 1e4  # and refused in a log of a drive, if they are whole numbers, and in any log [s]
+_DAYS = ((5e5, 1e6), (2.5e4, 7.5e4))  # between which stamps count days: since the year 0, or since 1900
+_DAY_STEP = 1e-4  # and rise by less
+_TOO_FAST = 1e-5  # steps below are no seconds in a log of a drive [s]
 _USUAL = {"rad": "deg", "rad/s": "deg/s", "m/s": "km/h", "m/s2": "g"}  # what is logged in place of SI units
 _CHUNK = 1 << 16  # rows that are moved at once
 
@@ -149,13 +150,12 @@ def time_of(
 
 
 def in_days(t: np.ndarray, step: float) -> bool:
-    """Whether stamps are dates as MATLAB's datenum counts them, in days since the year 0; ``step`` from row to row.
+    """Whether stamps are dates in days, as MATLAB's datenum or a spreadsheet counts; ``step`` from row to row.
 
-    >>> in_days(np.array([738000.5]), 1e-7)
-    True
+    >>> in_days(np.array([738000.5]), 1e-7), in_days(np.array([45385.25]), 2e-7), in_days(np.array([738.0]), 1e-3)
+    (True, True, False)
     """
-    low, high, most = _DAYS
-    return len(t) > 0 and low < t[0] < high and 0 < step < most
+    return len(t) > 0 and any(low < t[0] < high for low, high in _DAYS) and 0 < step < _DAY_STEP
 
 
 def _counts_time(header: Header) -> bool:
@@ -166,8 +166,8 @@ def _counts_time(header: Header) -> bool:
 def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool) -> list[str]:
     """A note on slow stamps without a unit.
 
-    Raises TimeError if they cannot be seconds: hours from sample to sample, or whole numbers too slow for a drive
-    (``driven``).
+    Raises TimeError if they cannot be seconds: hours from sample to sample, or, in a log of a drive (``driven``), whole
+    numbers that are too slow and stamps that are too fast.
     """
     steps = np.diff(t[np.isfinite(t)])
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -176,6 +176,12 @@ def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool
             f"{what} names no unit, begins at {t[0]:.9g} and rises by {step:.3g} from row to row; expected seconds, "
             f"and these look like days: name the unit, in the header as '{header.name} [d]' or as "
             f"time=Column('{header.name}', 'd')"
+        )
+    if driven and 0 < step < _TOO_FAST:
+        raise TimeError(
+            f"{what} names no unit and rises by {step:.3g} from row to row; expected seconds, which these cannot be: "
+            f"name the unit, days in the header as '{header.name} [d]' or as time=Column('{header.name}', 'd'), or "
+            "write hours and minutes as seconds"
         )
     if not step >= _SLOW:
         return []

@@ -12,6 +12,8 @@ from slipangle.errors import FormatError, raises
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
 _INSTANT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?( ?(Z|UTC|[+-]\d\d:?\d\d))?")
+_DOTTED = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[T ]+(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")  # day.month.year
+_AMBIGUOUS = re.compile(r"\d{1,4}/\d{1,2}/\d{1,4}\b.*|.*\d\s*[AaPp][Mm]")
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d([.,]\d+)?)")
 _RATED = re.compile(r'"?([^|"]+)"?\|"?([^|"]*)"?\|[^|]*\|[^|]*\|(\d{1,6}(?:\.\d+)?)')  # RaceCapture
 _ROWS = 3  # of numbers make a table begin
@@ -22,9 +24,11 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
 
     Raises FormatError if quotes make no sense.
     """
-    if delimiter is None:
+    if delimiter is None and '"' not in line:
         return line.split()
     try:
+        if delimiter is None:
+            return next(csv.reader([" ".join(line.split())], delimiter=" "))
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     except csv.Error as error:
         raise FormatError(
@@ -36,7 +40,7 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
 def separator_of(lines: Sequence[str]) -> str | None:
     """The separator that cuts most lines into the same number of cells; None for blanks."""
     best, score = None, (0.0, 0)
-    for candidate in (";", "\t", ",", None):
+    for candidate in (";", "\t", ",", "|", None):
         counts = [len(cells_of(line.strip() if candidate is None else line, candidate)) for line in lines]
         usual = max(set(counts), key=counts.count)
         share = counts.count(usual) / len(counts)
@@ -58,9 +62,15 @@ def is_value(cell: str, decimal_comma: bool = False) -> bool:
 
 
 def is_instant(cell: str) -> bool:
-    """Whether a cell is a date with a time, as ISO 8601 writes it, or a time of day with seconds."""
+    """Whether a cell is a date with a time, as ISO 8601 or day.month.year, or a time of day with seconds."""
     text = cell.strip()
-    return bool(_CLOCK.fullmatch(text)) or (bool(_INSTANT.fullmatch(text)) and not raises(ValueError, to_instant, text))
+    dated = _INSTANT.fullmatch(text) or _DOTTED.fullmatch(text)
+    return bool(_CLOCK.fullmatch(text)) or (bool(dated) and not raises(ValueError, to_instant, text))
+
+
+def is_ambiguous(cell: str) -> bool:
+    """Whether a cell may be a date of which nobody knows what is the day and what the month, or half a clock."""
+    return bool(_AMBIGUOUS.fullmatch(cell.strip()))
 
 
 def to_instant(cell: str) -> float:
@@ -68,13 +78,17 @@ def to_instant(cell: str) -> float:
 
     Raises ValueError if it is neither.
 
-    >>> to_instant("1970-01-02T00:00:01.500Z"), to_instant("10:00:00.25")
-    (86401.5, 36000.25)
+    >>> to_instant("1970-01-02T00:00:01.500Z"), to_instant("02.01.1970 00:00:01,5"), to_instant("10:00:00.25")
+    (86401.5, 86401.5, 36000.25)
     """
     text = cell.strip().replace(",", ".")
     clock = _CLOCK.fullmatch(text)
     if clock:
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
+    dotted = _DOTTED.fullmatch(text)
+    if dotted:
+        day, month, year, hour = dotted.group(1, 2, 3, 4)
+        text = f"{year}-{month:0>2}-{day:0>2} {hour if hour[1].isdigit() else '0' + hour}"
     instant = datetime.fromisoformat(text.removesuffix("UTC").strip())
     return (instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)).timestamp()
 

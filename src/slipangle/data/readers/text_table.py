@@ -14,7 +14,15 @@ from slipangle.data.numerals import decoded, to_number
 from slipangle.data.readers.fast_csv import StreamedTable
 from slipangle.data.readers.registry import require_log
 from slipangle.data.readers.tables import DATE, Header
-from slipangle.data.readers.text_dialect import MISSING, cells_of, filled, find_headings, separator_of, to_instant
+from slipangle.data.readers.text_dialect import (
+    MISSING,
+    cells_of,
+    filled,
+    find_headings,
+    is_ambiguous,
+    separator_of,
+    to_instant,
+)
 from slipangle.errors import FormatError, TooShortError, shown
 from slipangle.files import read_bytes
 
@@ -87,9 +95,12 @@ class TextTable:
         except ValueError:
             if text.lower() in MISSING:
                 return np.nan
+            expected = "a number: correct the cell, or leave it empty and read with nan='gap'"
+            if is_ambiguous(text):
+                expected = "a date and time that can be read in one way: write it as 2026-05-01T14:00:00.25"
             raise FormatError(
                 f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {shown(cell)}; "
-                "expected a number: correct the cell, or leave it empty and read with nan='gap'"
+                f"expected {expected}"
             ) from None
 
     def _instant(self, row: int, column: int) -> float:

@@ -118,6 +118,7 @@ def validate(
     free = free_run(model, data, start="first samples" if start is None else start)
     one = model.predict(data)
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
+    trained = model.fit_info.n_samples if model.fit_info is not None else None
     return Validation(
         name=name or type(model).__name__,
         model=model,
@@ -125,7 +126,9 @@ def validate(
         one_step=one,
         free_run_scores={o: score(free, o) for o in model.outputs},
         one_step_scores={o: score(one, o) for o in model.outputs},
-        residuals={o: _with_astray(residual_tests(free, one, chosen, o, max_lag), free, one, o) for o in model.outputs},
+        residuals={
+            o: _with_astray(residual_tests(free, one, chosen, o, max_lag, trained), free, one, o) for o in model.outputs
+        },
         inputs=model.inputs,
         standing={} if train is None else {o: standing(free, o, train, data) for o in model.outputs},
     )
@@ -201,12 +204,24 @@ def _same_name_and_time(info: FitInfo, data: Dataset) -> Overlap | None:
     return Overlap(rows=rows, earlier=float(data.t[np.argmax(rows)]))
 
 
-def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str, max_lag: int = 40) -> Residuals:
+def residual_tests(
+    free: Trajectory,
+    one: Trajectory,
+    data: Dataset,
+    output: str,
+    max_lag: int = 40,
+    trained: int | None = None,
+) -> Residuals:
     """Whiteness of the one-step-ahead residual, correlation of the free-run residual with the inputs.
 
     The band of the autocorrelation is pointwise; that of the cross-correlations is simultaneous (see
     `simultaneous_width`), so that a true model is said to lack dynamics in 1 % of cases, however many lags, inputs and
     outputs are looked at. Its standard error is Bartlett's, which allows for the colour of both signals.
+
+    Estimates from ``trained`` samples are off by as much as noise correlates with the inputs there, so that a true
+    model's free-run error may leave the band of the noise by more, the shorter the training data. Sentences allow for
+    that: the variance of a correlation over ``n`` samples then is up to ``1 + n / trained`` times that of noise alone,
+    for inputs of like spectra. With None, parameters are taken as exact.
 
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 16.6.
     """
@@ -230,7 +245,7 @@ def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str
             cross.append(np.zeros(2 * max_lag + 1))
             cross_band.append(simultaneous_width(max_lag + 1, 0.0, level) / np.sqrt(count))
             continue
-        long = min(count // 4, 10 * max_lag)
+        long = max(1, min(count // 4, 10 * max_lag))
         rho_e, rho_u = _correlation(errors, errors, long), _correlation(u, u, long)
         spread = max(1.0, float(np.sum(rho_e * rho_u)))
         neighbours = float(np.sum(rho_e[1:] * rho_u[:-1])) / spread
@@ -243,12 +258,18 @@ def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str
         band=band,
         cross_band=np.array(cross_band),
         white_p=p,
-        sentences=_residual_sentences(auto, band, p, cross, cross_band, data),
+        sentences=_residual_sentences(auto, band, p, cross, cross_band, data, (count, trained)),
     )
 
 
 def _residual_sentences(
-    auto: np.ndarray, band: float, p: float, cross: list, cross_band: list, data: Dataset
+    auto: np.ndarray,
+    band: float,
+    p: float,
+    cross: list,
+    cross_band: list,
+    data: Dataset,
+    samples: tuple[int, int | None],  # that were predicted, and that the model was fitted to
 ) -> tuple[str, ...]:
     outside = int(np.sum(np.abs(auto[1:]) > band))
     said = [
@@ -259,10 +280,17 @@ def _residual_sentences(
         half = len(values) // 2
         past = np.abs(values[half:])  # residual after the input
         if past.max() > width:
-            lag = int(np.argmax(past))
+            lag, (count, trained) = int(np.argmax(past)), samples
+            seen = f"(correlation {values[half + lag]:+.2f} at {lag * data.dt:.2f} s)"
+            if trained and past.max() <= width * np.sqrt(1 + count / trained):
+                said.append(
+                    f"the free-run error depends on {name} {seen} by no more than estimates from {trained} samples may "
+                    "be wrong: train on more of them to see whether dynamics are missing"
+                )
+                continue
             said.append(
-                f"the free-run error still depends on {name} (correlation {values[half + lag]:+.2f} at "
-                f"{lag * data.dt:.2f} s): dynamics are missing or an input delay is not modelled"
+                f"the free-run error still depends on {name} {seen}: dynamics are missing or an input delay is not "
+                "modelled"
             )
         else:
             said.append(f"the free-run error does not depend on {name}")

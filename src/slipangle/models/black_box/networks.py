@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.network import Activation
+from slipangle.equal import Equal
 from slipangle.errors import NotFiniteError, ParameterError, require_known
 from slipangle.ops import Scalar, Vector, exp, is_symbolic, log, matmul, minimum, sqrt, tanh, where
 
@@ -102,8 +103,8 @@ def _column(values: Any, like: Any, *, below: bool = False) -> Any:
     return values.reshape((-1,) + (1,) * extra)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scaling:
+@dataclass(frozen=True, kw_only=True)
+class Scaling(Equal):
     """Affine map between SI values ``x`` and network coordinates ``z = (x - offset) / factor``.
 
     Raises ParameterError, NotFiniteError if lengths differ, a factor is zero or a number is not finite.
@@ -157,8 +158,8 @@ class Scaling:
         return z * _column(self.factor, z) + _column(self.offset, z)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Network(abc.ABC):
+@dataclass(frozen=True, kw_only=True)
+class Network(Equal, abc.ABC):
     """A static map from inputs to outputs: `MLP` or `RBF`, called with SI values.
 
     Its numbers are also one vector, `parameters`, so that a fit can move them all. Subclasses give the number of inputs
@@ -251,7 +252,7 @@ class Network(abc.ABC):
         return parts
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class MLP(Network):
     """Multilayer perceptron with linear output layer. [1]_ eq. 4-20
 
@@ -367,7 +368,7 @@ class MLP(Network):
         return tuple(parts[0:n:2]), tuple(parts[1:n:2]), None if self.skip is None else parts[n]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class RBF(Network):
     """Radial basis function network without bias. [1]_ eq. 4-15
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from slipangle.equal import Equal
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked
 from slipangle.models.black_box.networks import Network
@@ -24,8 +25,8 @@ CurveInput = Literal["slip", "load", "camber"]
 _AS_TANH = {"sigmoid": (0.5, 0.5, 0.5), "tanh": (1.0, 1.0, 0.0)}  # a, b, c in f(z) = b tanh(a z) + c
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NeuralCurve(Checked):
+@dataclass(frozen=True, kw_only=True)
+class NeuralCurve(Checked, Equal):
     """Friction coefficient over slip, and over load and camber where the network has those inputs.
 
     Raises ParameterError if inputs and network do not fit together.
@@ -121,7 +122,7 @@ class NeuralCurve(Checked):
         return float(np.mean(peaks))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class NeuralTire(Checked, Tire):
     """Tire whose friction coefficients are networks.
 

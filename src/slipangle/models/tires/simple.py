@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from slipangle.data.readers.tir import TirFile
+from slipangle.equal import Equal
 from slipangle.errors import FormatError, ParameterError
 from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
@@ -61,7 +62,7 @@ class Rolling(NamedTuple):
     rolling_resistance: float | None = None
 
 
-class Tire(Brief, abc.ABC):
+class Tire(Brief, Equal, abc.ABC):
     """What a vehicle model needs of a tire: forces from slip and load, on numbers and on symbols.
 
     The rest has defaults that suit a tire that is alike on both sides and valid everywhere.

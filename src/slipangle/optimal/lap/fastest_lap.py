@@ -129,6 +129,7 @@ def fastest_lap(
         duals=solved.duals,
         quasi_steady=_duration(along, line_of[0], v),
         cost=solved.cost,
+        free=line == "free",
         weights=weights,
         status=solved.status,
         iterations=solved.iterations,

@@ -44,6 +44,8 @@ class Lap(Shown):
         What was minimised: the time and the cost of smoothness. [s]
     duals : dict
         Multipliers of the program's bounds and constraints, and its variables and parameters.
+    free : bool
+        Whether the track's edges bound the line, or the tolerance around a given one.
     weights : array, shape (3,)
         What smoothness costs: of squared yaw acceleration and rates of steering and force. [s/s per squared unit]
     ends : array
@@ -74,6 +76,7 @@ class Lap(Shown):
     grip_r: np.ndarray
     cost: float
     duals: dict[str, np.ndarray]
+    free: bool
     weights: np.ndarray
     ends: np.ndarray
     rates: np.ndarray
@@ -102,7 +105,7 @@ class Lap(Shown):
         """Change of `cost` per unit of each parameter of the car, from the multipliers. [s per unit]
 
         Negative where more is faster. Smoothness counts at constant weight, so they are those of the lap time but for
-        its small share.
+        its small share; a given line is kept to as closely as before.
         """
         return _sensitivities(self)
 
@@ -172,7 +175,7 @@ def _sensitivities(lap: Lap) -> dict[str, float]:
     slope = worth(count // 2, lap.track.closed)(duals["x"], duals["p"], duals["lam_g"])
     found = dict(zip(LapCar.felt(), np.asarray(slope).ravel(), strict=True))
     bound = np.abs(duals["lam_x"][: 9 * count].reshape(count, 9) / scales(car))
-    found["width"] += 0.5 * bound[:, 0].sum()
+    found["width"] += 0.5 * bound[:, 0].sum() if lap.free else 0.0
     found["delta_max"] -= bound[:, 5].sum()
     found["delta_rate"] -= bound[:, 7].sum()
     found["force_rate"] -= bound[:, 8].sum() * car.weight

@@ -55,6 +55,8 @@ SETTLED = 1e-5  # largest change of an input in units of its range after which m
 STAYED = 10  # steps in a row, at the highest price, that bring limits no nearer, after which they have no answer here
 STRAINED = 10  # multiplier of a hard limit over a price that was paid, beyond which steps pay that rather than keep it
 GAIN = 0.25  # share of what a whole step promised that it must bring, where limits have a price, to be damped less
+FEW_STEPS = 5  # whole ones, after which a plan may still be far from where they began
+DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
@@ -169,6 +171,7 @@ class WorkArea(Engine):
         self._change, self._varied = change * np.tile(self._scale, n), False
         self._weigh(ocp.stage_weights)
         self._k = np.zeros((steps, self._nk))
+        self._shortened = False  # whether a step of a solve to convergence was
         self._jumps: Any = dense(jump_function(ocp)) if ocp.jumps else None
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
@@ -185,7 +188,7 @@ class WorkArea(Engine):
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
         self._begin(start.x, start.applied, start.reference)
-        return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
+        return self._run_given(start.guess_u, between(start.guess_x, self.ocp.nodes), given=True)
 
     @np.errstate(all="ignore")  # what is no number is looked for and said
     def resume(
@@ -207,7 +210,9 @@ class WorkArea(Engine):
                     states[-1] = 2 * states[-2] - states[-3]
             states[0] = x
             u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
-            return self._run(np.array(u), states, bool(self._settings.iterations), memory.unfinished)
+            if self._settings.iterations and not memory.unfinished:
+                return self._iterate(np.array(u), states)
+            return self._run_given(np.array(u), states, memory.unfinished)
         known = previous is not None and previous.u.shape == (n, nu) and not stuck(previous)
         if known and previous is not None and written(previous, (n + 1, nx)):
             return None
@@ -221,7 +226,8 @@ class WorkArea(Engine):
         rolled = [self._roll_out(x, u, reference) for u in guesses]
         promised = [self._promise(u, s) for u, s in zip(guesses, rolled, strict=True)]
         best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
-        return self._run(np.array(guesses[best]), rolled[best], False)
+        run = self._run_given if known else self._run
+        return run(np.array(guesses[best]), rolled[best])
 
     def allow(self, seconds: float) -> None:
         """Longest time of the next solve. [s]"""
@@ -283,12 +289,35 @@ class WorkArea(Engine):
             step.holds(solution.memory)
         return solution
 
-    def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
-        if warm and not unfinished:
-            return self._iterate(u, states)
+    def _run(self, u: np.ndarray, states: np.ndarray, unfinished: int = 0) -> Solution:
+        """To convergence."""
         found = self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
         found = self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
         return self._halfway(found, unfinished)
+
+    def _run_given(self, u: np.ndarray, states: np.ndarray, unfinished: int = 0, *, given: bool = False) -> Solution:
+        """To convergence from inputs that are a plan of their own, or somebody's (`given`).
+
+        An optimum far from them may be a local one, dearer than they are with the states that they lead to. Then it
+        begins anew from those, and stays there if that is the better optimum.
+        """
+        begun = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
+        self._shortened = given
+        found = self._run(u, states, unfinished)
+        long = self._shortened or found.iterations > FEW_STEPS
+        far = long or float((np.abs(found.u - begun) / self._scale).max()) > FAR
+        left = self._settings.max_iterations - found.iterations
+        if found.status is not Status.SOLVED or not far or left < 1:
+            return found
+        rolled = self._roll_out(self._x0, begun, self._reference)
+        self._k[:] = 0.0
+        none = np.zeros_like(rolled)
+        _, half, violation = self._merit(self._linearise(begun, rolled, exact=True), begun, rolled, none, 0.0)
+        if not (violation <= FEASIBLE and 2 * half < found.cost - DEARER * abs(found.cost)):
+            return found
+        cheaper = self._solution(*self._converge(begun, rolled, left, before=found.iterations), unfinished)
+        better = cheaper.status is Status.SOLVED and cheaper.cost < found.cost
+        return cheaper if better else replace(found, iterations=cheaper.iterations)
 
     def _ended(self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0) -> Solution:
         """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them."""
@@ -674,6 +703,7 @@ class WorkArea(Engine):
                 if lower or last or late or (flat and there < np.inf) or t < 1e-6:
                     break
                 t *= 0.5
+                self._shortened = True
                 self._k[:] = k
             self._qp.price(0.0)
             if not np.isfinite(there):

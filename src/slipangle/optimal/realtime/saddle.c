@@ -54,28 +54,10 @@ static int falls(Work *s)
     return moderate(s->falls_u, N * NU) && moderate(s->falls_x, (NS + 1) * NX);
 }
 
-static void keep_plan(Work *s)
-{
-    memcpy(s->left_u, s->u, sizeof s->u);
-    memcpy(s->left_x, s->x, sizeof s->x);
-    memcpy(s->left_k, s->k, sizeof s->k);
-    memcpy(s->left_working, s->working, sizeof s->working);
-    s->left_numbers[0] = s->cost, s->left_numbers[1] = s->violation, s->left_numbers[2] = s->residual;
-}
-
-static void recall_plan(Work *s)
-{
-    memcpy(s->u, s->left_u, sizeof s->u);
-    memcpy(s->x, s->left_x, sizeof s->x);
-    memcpy(s->k, s->left_k, sizeof s->k);
-    memcpy(s->working, s->left_working, sizeof s->working);
-    s->cost = s->left_numbers[0], s->violation = s->left_numbers[1], s->residual = s->left_numbers[2];
-}
-
 /* From that plan on to one side of it. */
 static int step_aside(Work *s, double side)
 {
-    recall_plan(s);
+    recall_iterate(s);
     for (int a = 0; a < N * NU; a++)
         s->u[a] += side * s->falls_u[a];
     for (int a = 0; a < (NS + 1) * NX; a++)
@@ -92,7 +74,7 @@ static int leave_saddle(Work *s, int status)
 {
     for (int n = 0, better = 1; n < LEAVES && better && status == SOLVED && falls(s); n++) {
         double enough = s->cost - LOWER * fabs(s->cost);
-        keep_plan(s);
+        keep_iterate(s);
         better = 0;
         for (int side = 1; side >= -1 && !better && s->iterations < s->max_iterations; side -= 2) {
             int ended = step_aside(s, side);
@@ -100,7 +82,7 @@ static int leave_saddle(Work *s, int status)
             status = better ? ended : status;
         }
         if (!better)
-            recall_plan(s);
+            recall_iterate(s);
     }
     return status;
 }

@@ -1111,6 +1111,7 @@ static int converge(Work *s, int64_t most, int loose)
             if (there <= allowed - 1e-4 * t * predicted + 1e-13 * fabs(here) || last || (flat && there < INFINITY) || t < 1e-6)
                 break;
             t *= 0.5;
+            s->shortened = 1;
             memcpy(s->k, s->k_from, sizeof s->k);
         }
         if (!(there < INFINITY))
@@ -1259,6 +1260,58 @@ static int look_elsewhere(Work *s, int status)
             return ended;
     }
     s->anew = anew;
+    return status;
+}
+
+static void keep_iterate(Work *s)
+{
+    memcpy(s->left_u, s->u, sizeof s->u);
+    memcpy(s->left_x, s->x, sizeof s->x);
+    memcpy(s->left_k, s->k, sizeof s->k);
+    memcpy(s->left_working, s->working, sizeof s->working);
+    s->left_numbers[0] = s->cost, s->left_numbers[1] = s->violation, s->left_numbers[2] = s->residual;
+}
+
+static void recall_iterate(Work *s)
+{
+    memcpy(s->u, s->left_u, sizeof s->u);
+    memcpy(s->x, s->left_x, sizeof s->x);
+    memcpy(s->k, s->left_k, sizeof s->k);
+    memcpy(s->working, s->left_working, sizeof s->working);
+    s->cost = s->left_numbers[0], s->violation = s->left_numbers[1], s->residual = s->left_numbers[2];
+}
+
+/* Whether a solve may have ended far from where it began: in inputs, over many steps, or over one that was too long. */
+static int went_far(const Work *s)
+{
+    double most = s->shortened || s->iterations > FEW_STEPS ? INFINITY : 0;
+    for (int a = 0; a < N * NU; a++)
+        most = larger(most, fabs(s->u[a] - s->begun_u[a]) / SCALE[a % NU]);
+    return most > FAR;
+}
+
+/* An optimum far from where the solve began may be a local one, dearer than the inputs that it began with and the states
+   that these lead to. Then it begins anew from those, and stays there if that is the better optimum. */
+static int begin_cheaper(Work *s, int status)
+{
+    double cost, violation;
+    if (status != SOLVED || s->iterations >= s->max_iterations || !went_far(s))
+        return status;
+    keep_iterate(s);
+    memcpy(s->u, s->begun_u, sizeof s->u);
+    roll_out(s);
+    if (begins(s, LINEARISE) && linearise(s)) {
+        ends(s, LINEARISE);
+        merit(s, &cost, &violation);
+        if (violation <= FEASIBLE && 2 * cost < s->cost - DEARER * fabs(s->cost)) {
+            forget_rows(s);
+            s->fresh = GIVEN;
+            if (converge(s, s->max_iterations - s->iterations, 0) == SOLVED && s->cost < s->left_numbers[0])
+                return SOLVED;
+            price_limits(s, 0);
+        }
+    }
+    recall_iterate(s);
     return status;
 }
 
@@ -1413,10 +1466,14 @@ int rt_solve(Work *s)
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
+        int given = s->fresh != FROM_NOTHING;
+        memcpy(s->begun_u, s->u, sizeof s->u);
+        s->shortened = s->fresh == GIVEN; /* by somebody, with any states */
         status = begin_halfway(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0))));
 #if defined RICCATI && defined CURVED
         status = leave_saddle(s, status);
 #endif
+        status = given ? begin_cheaper(s, status) : status;
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {

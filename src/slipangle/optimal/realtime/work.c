@@ -43,6 +43,8 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define FROM 0.3 /* `from` where stage slopes have been moved to where the step begins: a correction of 2e-4 is the last one */
 #define FAR_ALONG 3e-2 /* in units of the state: derivatives of stage slopes lead them no further well enough */
 #define NEARBY 0.02 /* largest difference of the state from the one predicted, in `units`, with which derivatives stay */
+#define FEW_STEPS 5 /* whole ones, after which a plan may still be far from where they began */
+#define DEARER 1e-6 /* of its cost, by which a plan is dearer than what it began with */
 #define FEASIBLE 1e-6 /* an unfinished answer with no larger violation of a constraint is still a plan */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
@@ -79,10 +81,11 @@ typedef struct {
     double turn[M1(TURNS)]; /* of the rows of this curvature, 1 or, where it is negative, -1 */
     int64_t saddle, tried;  /* whether a step is to be, or was, one with all of it; whether that was tried */
     int64_t failed, rest;   /* how often in a row that led nowhere; steps until it is tried again */
-    /* of saddle.c, if it is there: where the cost falls, and the plan from which that leads away */
-    double falls_u[M1(SADDLE * N * NU)], falls_x[M1(SADDLE * (NS + 1) * NX)];
-    double left_u[M1(SADDLE * N * NU)], left_x[M1(SADDLE * (NS + 1) * NX)], left_k[M1(SADDLE * (NS + 1) * NK)];
-    double left_working[M1(SADDLE * (1 + 2 * QT))], left_numbers[M1(SADDLE * 3)];
+    double falls_u[M1(SADDLE * N * NU)], falls_x[M1(SADDLE * (NS + 1) * NX)]; /* of saddle.c: where the cost falls */
+    int64_t shortened; /* whether a step of a solve to convergence was */
+    /* the inputs that it begins with, and the plan that another start leaves for a cheaper one */
+    double begun_u[N * NU], left_u[N * NU], left_x[(NS + 1) * NX], left_k[M1((NS + 1) * NK)];
+    double left_working[1 + 2 * QT], left_numbers[3];
     double damp; /* of inputs, relative to the curvature */
     double top;  /* largest curvature by an input, of the program condensed */
     int64_t frail; /* whether the last program was condensed with few digits */

@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from slipangle.equal import Equal
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
@@ -27,7 +28,7 @@ class EmpsParams(ParameterSet):
 
 @RECORDS.register("FrictionCurve")
 @dataclass(frozen=True, kw_only=True)
-class FrictionCurve:
+class FrictionCurve(Equal):
     """Friction beside Coulomb's and the viscous one: smooth steps over the speed, ``sum w_i tanh((v - v_i) / width)``.
 
     ``centres`` say where the steps are, shape (n,), ``width`` how wide each is [m/s], ``weights`` half their heights,
