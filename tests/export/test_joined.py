@@ -64,6 +64,9 @@ KINDS = {
         scenarios=replace(GAINS, common=2), solver=sa.RealTime(iterations=0), fallback=2
     ),
     "a parameter and a duration": lambda: spring(free={"damping": (0.1, 1.0)}, duration=(0.4, 1.6)),
+    "rates over a duration": lambda: spring(
+        duration=(0.4, 1.6), rates=sa.Limits(a=4.0), terminal={"duration": 1.0, "p": 30.0}
+    ),
     "scenarios and a parameter": lambda: spring(
         scenarios=GAINS, free={"damping": (0.1, 1.0)}, solver=sa.RealTime(qp="riccati")
     ),

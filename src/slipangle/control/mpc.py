@@ -284,10 +284,11 @@ class MPC(Fallbacks):
             wrong = Status.NOT_FINITE if status.solved else status
             return self._fallback(call, wrong, solution.iterations, solution.detail)
         seconds = perf_counter() - call.begin
+        duration = (solution.decided or {}).get("duration")
         values = {
             "u": solution.u
             if solution.kept
-            else within(solution.u, before, self.ocp.input_bounds, self.ocp.step_bounds),
+            else within(solution.u, before, self.ocp.input_bounds, self.ocp.step_bounds_over(duration)),
             "x": solution.x,
             "status": status,
             "cost": solution.cost,
@@ -305,7 +306,6 @@ class MPC(Fallbacks):
         }
         if solution.branches or solution.decided is not None:
             values |= {"branches": solution.branches, "decided": solution.decided}
-        duration = (solution.decided or {}).get("duration")
         if duration is not None:
             values["times"] = self.times * (duration / self.times[-1])
         return quick(Plan, values)

@@ -10,7 +10,7 @@ from slipangle.errors import ParameterError
 from slipangle.export.controllers import Part, inner_solver, table
 from slipangle.export.mpc_tables import solver_tables
 from slipangle.export.project import template
-from slipangle.optimal.joined import Joined
+from slipangle.optimal.joined import Joined, rated
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.curvature import require_curvature
@@ -58,12 +58,14 @@ def _tables(joined: Joined) -> list[str]:
         "ONE_NU": nu,
         "ONE_NW": len(base.exogenous),
         "N_ONCE": len(once),
+        "N_BEFORE": len(rated(base)),
         "LEAD": int(joined.starts[0]),
         "LIKELY": int(np.argmax(joined.share)),
     }
     whole = {
         "KNOWN": known,
         "BACK": [states.index(n) if n in states else -1 for n in joined.exogenous],
+        "BEFORE": [base.controls.index(n) for n in rated(base)],
         "ONCE_FROM": [base.exogenous.index(n) if n in base.exogenous else -1 for n in once],
     }
     real = {

@@ -13,6 +13,11 @@ from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, concatenate, stack
 
 
+def before(name: str) -> str:
+    """Name of the state that has an input as it was over the step before."""
+    return f"@before {name}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Extension:
     """What is added to a model.
@@ -29,6 +34,8 @@ class Extension:
         Value of the constant ``duration`` at which steps are as long as the model's. [s]
     held : tuple of (str, str)
         An input of the model that is kept in a state of its own, and the input that is 1 while it is kept, else 0.
+    before : tuple of str
+        Inputs of an ODE whose value over the step before is a state of its own.
     """
 
     varied: tuple[str, ...] = ()
@@ -36,11 +43,12 @@ class Extension:
     free: tuple[str, ...] = ()
     span: float | None = None
     held: tuple[tuple[str, str], ...] = ()
+    before: tuple[str, ...] = ()
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states that are added: constants, then inputs that are held."""
-        return (*self.constant, *(f"{name}{when}" for name, when in self.held))
+        """Names of the states that are added: constants, inputs that are held, then inputs of the step before."""
+        return (*self.constant, *(f"{name}{when}" for name, when in self.held), *map(before, self.before))
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -93,6 +101,7 @@ class ExtendedOde(OdeModel):
         if extension.span is not None:
             rate = rate * (extension.of(self.base, x, "duration") / extension.span)
         more = [0.0 * x[0] for _ in extension.constant] + [v / dt for v in extension.kept(self.base, u)]
+        more += [0.0 * x[0] for _ in extension.before]
         return concatenate([rate, stack(more)]) if more else rate
 
     def output(self, x: Vector, u: Vector) -> Vector:
@@ -104,6 +113,17 @@ class ExtendedOde(OdeModel):
         """Those of the model."""
         own, at, given = self.extension.inside(self.base, x, u)
         return own.signals(at, given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatedOde(ExtendedOde):
+    """One that remembers inputs of the step before, which no derivative does."""
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """That of the equations; what is remembered is the input."""
+        names = self.extension.before
+        later = self._step(x, u)
+        return concatenate([later[: self.n_states - len(names)], stack([u[self.base.inputs.index(n)] for n in names])])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,5 +159,5 @@ class ExtendedStep(Model):
 def extended(model: Model, extension: Extension) -> Model:
     """The model with what is added; see `Extension`."""
     if isinstance(model, OdeModel) and not model.own_step:
-        return ExtendedOde.of(model, extension)
+        return (RatedOde if extension.before else ExtendedOde).of(model, extension)
     return ExtendedStep(base=model, extension=extension)

@@ -26,7 +26,7 @@ import numpy as np
 
 from slipangle.models.model import Model
 from slipangle.optimal.checks import is_numbers
-from slipangle.optimal.extended import Extension, extended
+from slipangle.optimal.extended import Extension, before, extended
 from slipangle.optimal.ocp import OCP, Reference, at_nodes, middle
 
 FLAT = 1e-3  # curvature by inputs without effect, which a jump has, per square of half their range
@@ -39,6 +39,11 @@ def own_parameters(ocp: OCP, names: Any) -> tuple[str, ...]:
     return tuple(n for n in names if n not in ocp.exogenous)
 
 
+def rated(ocp: OCP) -> tuple[str, ...]:
+    """Inputs whose rates are limited over a time that is decided, so that no bounds of their changes are known."""
+    return () if ocp.duration is None else tuple(name for name in ocp.controls if name in ocp.rates)
+
+
 def extended_model(ocp: OCP) -> Model:
     """The model with what is decided once and the common inputs as states, and parameters of scenarios as inputs."""
     s = ocp.scenarios
@@ -48,6 +53,7 @@ def extended_model(ocp: OCP) -> Model:
         free=own_parameters(ocp, ocp.free),
         span=None if ocp.duration is None else ocp.horizon * ocp.dt,
         held=() if s is None else tuple((name, f"@{i}") for i in range(s.common) for name in ocp.controls),
+        before=rated(ocp),
     )
     return extended(ocp.model, extension) if extension.states or extension.inputs else ocp.model
 
@@ -128,9 +134,11 @@ class Joined(OCP):
             np.append(square, np.zeros(len(excesses))),
             np.append(plain, np.ones(len(excesses))),
         )
-        held = model.states[len(model.states) - self._n_held :] if self._n_held else ()
-        self.__dict__["limited"] = (*base.limited, *excesses, *held)
-        self.__dict__["limited_along"] = np.append(base.limited_along, np.ones(len(excesses) + len(held), dtype=bool))
+        first = base.model.n_states + len(once)
+        held = model.states[first : first + self._n_held]
+        more = (*excesses, *held, *(f"{way} of {name}" for name in rated(base) for way in ("rise", "fall")))
+        self.__dict__["limited"] = (*base.limited, *more)
+        self.__dict__["limited_along"] = np.append(base.limited_along, np.ones(len(more), dtype=bool))
         which = np.clip(np.searchsorted(starts, node, side="right") - 1, 0, None)
         share = np.ones(1) if s is None else s.probabilities
         each = base.excess_counts[np.where(node < lead, 0, node - starts[which])]
@@ -149,6 +157,7 @@ class Joined(OCP):
         rates = np.full((total, len(self.controls), 2), [-np.inf, np.inf])
         for at in starts:
             rates[at : at + n, :nu] = base.step_bounds
+            rates[at + 1 : at + n, [base.controls.index(name) for name in rated(base)]] = -np.inf, np.inf
         rates[starts[1:], :nu] = -np.inf, np.inf
         if lead and (base.S or base.rates):
             rates[0, :nu] = 0.0
@@ -159,6 +168,9 @@ class Joined(OCP):
         limits = np.full((total + 1, len(self.limited), 2), 0.0)
         for at in starts:
             limits[at : at + n + 1, : len(base.limited)] = base.limits_at_nodes
+        limits[:, len(self.limited) - 2 * len(rated(base)) :] = np.tile(
+            [[-np.inf, 0.0], [0.0, np.inf]], (len(rated(base)), 1)
+        )
         limits[~self.limited_at] = -np.inf, np.inf
         self.__dict__["limits_at_nodes"] = limits
         self.__dict__["stage_weights"] = self._spread(*base.stage_weights)
@@ -185,12 +197,13 @@ class Joined(OCP):
     def _limited_at(self, held: int) -> np.ndarray:
         base, n = self.base, self.base.horizon
         own, first = len(base.limited), len(base.limited) + len(base.huber)
-        at = np.zeros((self.horizon + 1, first + held), dtype=bool)
+        at = np.zeros((self.horizon + 1, len(self.limited)), dtype=bool)
         for k, start in enumerate(self.starts):
             at[start : start + n + 1, :own] = base.limited_at
             at[start : start + n + 1, own:first] = True
             for j in range(held if k else 0):
                 at[start + j // len(base.controls), first + j] = True
+            at[start + 1 : start + n, first + held :] = True
         return at
 
     def _tied(self) -> bool:
@@ -241,8 +254,14 @@ class Joined(OCP):
     def _more(self, x: Any, u: Any, w: Any) -> dict[str, Any]:
         base, states = self.base, self.model.states
         known = {name: x[states.index(name)] for name in base.decided_once}
-        for j, name in enumerate(self.limited[len(base.limited) + len(base.huber) :]):
+        first = len(base.limited) + len(base.huber)
+        for j, name in enumerate(self.limited[first : first + self._n_held]):
             known[name] = u[j % len(base.controls)] - x[states.index(name)]
+        for name in rated(base):
+            (low, high), change = base.rates[name], u[base.controls.index(name)] - x[states.index(before(name))]
+            span = known["duration"] / base.horizon
+            for way, rate in (("rise", high), ("fall", low)):
+                known[f"{way} of {name}"] = change - rate * span if np.isfinite(rate) else 0 * change
         return known | {f"excess of {n}": self._price(n, w) * self._share(n, u, w) for n in base.huber}
 
     @property
@@ -282,7 +301,7 @@ class Joined(OCP):
         if not once:
             later = ca.vertcat(back, x[n:, 0])
         elif self.ends.size == 1:
-            later = ca.vertcat(x[:n], u[nu : nu + once])
+            later = ca.vertcat(x[:n], u[nu : nu + once], x[n + once :])
         else:
             front = w[self.exogenous.index("@front")]
             chosen = front * u[nu : nu + once] + (1 - front) * x[n : n + once]

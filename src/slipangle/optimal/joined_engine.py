@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slipangle.optimal.engine import Engine, Start
-from slipangle.optimal.joined import Joined
+from slipangle.optimal.joined import Joined, rated
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Branch, Plan, Solution
 
@@ -32,7 +32,10 @@ class JoinedEngine(Engine):
             u[at : at + n, : len(base.controls)] = start.guess_u
             x[at : at + n + 1, : base.model.n_states] = start.guess_x
         kept = np.concatenate([once, start.guess_u[: problem.common].ravel()])
-        x[1:, base.model.n_states :] = kept
+        here = base.model.n_states + len(kept)
+        x[1:, base.model.n_states : here] = kept
+        for at in problem.starts:
+            x[at + 1 : at + n + 1, here:] = start.guess_u[:, [base.controls.index(name) for name in rated(base)]]
         inner = Start(
             x=x[0],
             applied=problem.resting(start.applied),

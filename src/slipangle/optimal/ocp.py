@@ -154,7 +154,8 @@ class OCP(Checked):
         On decided inputs, always kept; on states, outputs and path errors, at the end of every stage
         (an output that depends on an input also now).
     rates : Limits
-        On the change of decided inputs, per second: from stage to stage over the time between their middles.
+        On the change of decided inputs, per second: from stage to stage over the time between their middles, also where
+        the duration is decided; the first change then counts over a step of the model.
     terminal_limits : Limits
         On states, outputs, path errors and terms at the end alone, besides ``limits``; two equal numbers make it an
         equation. They are hard, also where a slack softens the ``limits`` of the same name; a name with a slack that
@@ -631,6 +632,13 @@ class OCP(Checked):
     def step_bounds(self) -> np.ndarray:
         """Lower and upper bound of the change of each control to each stage, shape (horizon, n_controls, 2)."""
         return self._apart[:, None, None] * (_rows(self.rates, self.controls) * self.dt)
+
+    def step_bounds_over(self, duration: float | None) -> np.ndarray:
+        """`step_bounds` where the whole horizon takes so long [s]; the first change counts over a step of the model."""
+        bounds = self.step_bounds.copy()
+        if duration is not None:
+            bounds[1:] *= duration / (self.horizon * self.dt)
+        return bounds
 
     @cached_property
     def stage_weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -47,7 +47,7 @@ static void spread(Work *s, const car_joined_task *of)
 static void take_guess(Work *s, const car_joined_task *of)
 {
     double kept[M1(NX - ONE_NX)];
-    for (int a = 0; a < NX - ONE_NX; a++)
+    for (int a = 0; a < NX - N_BEFORE - ONE_NX; a++)
         kept[a] = a >= N_ONCE ? of->guess_u[a - N_ONCE] : ONCE_FROM[a] >= 0 ? of->exogenous[ONCE_FROM[a]] : ONCE[a];
     memset(s->x, 0, sizeof s->x);
     memcpy(s->x, s->x0, sizeof s->x0);
@@ -60,8 +60,10 @@ static void take_guess(Work *s, const car_joined_task *of)
                                                     : s->applied[j];
         if (i >= LEAD)
             memcpy(s->x + i * NX, of->guess_x + k * ONE_NX, sizeof(double) * ONE_NX);
-        for (int a = ONE_NX; i > 0 && a < NX; a++)
+        for (int a = ONE_NX; i > 0 && a < NX - N_BEFORE; a++)
             s->x[i * NX + a] = kept[a - ONE_NX];
+        for (int a = 0; i >= LEAD && k > 0 && a < N_BEFORE; a++)
+            s->x[i * NX + NX - N_BEFORE + a] = of->guess_u[(k - 1) * ONE_NU + BEFORE[a]];
     }
 }
 
