@@ -206,12 +206,12 @@ def _residual_section(outcome: Outcome, command: str) -> Iterator[report.Section
 def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     q, data = outcome.quality, outcome.data
     used = {*data.inputs, *data.outputs}
-    noticed = [f for f in (*q.spikes, *q.jumps, *q.wraps, *q.clippings) if f.channel in used]
+    noticed = [f for f in (*q.spikes, *q.jumps, *q.dropouts, *q.wraps, *q.clippings) if f.channel in used]
     items = [report.Finding(sentence=q.clock_sentence)]
     items += [report.Finding(sentence=f.sentence, tone="fair") for f in noticed]
     plain = [f for f in (*q.stretches, *q.offsets, *q.excitations, *q.resolutions) if f.channel in used]
     items += [report.Finding(sentence=f.sentence) for f in (*q.delays, *plain)]
-    others = sum(f.channel not in used for f in (*q.spikes, *q.jumps, *q.clippings, *q.stretches))
+    others = sum(f.channel not in used for f in (*q.spikes, *q.jumps, *q.dropouts, *q.clippings, *q.stretches))
     if others:
         items.append(report.Finding(sentence=f"{others} more spikes, jumps or stretches in channels not used here"))
     blocks: list[Block] = [report.Findings(title="Seen in the log, before anything was changed", items=tuple(items))]

@@ -403,3 +403,39 @@ def test_a_lag_that_could_not_be_split_is_told_without_parts():
     assert found.sentence.startswith("r follows delta by 50 ms: delay, actuator and the car's own lag together; ")
     early = Delay(input="delta", output="a_y", seconds=-0.09, agreement=0.9, coherent=0.1, chance=0.001)
     assert early.sentence.endswith("clocks that disagree, or slow driving, where a_y is ahead")
+
+
+# ---- dropouts ----------------------------------------------------------------------------------------------------
+
+
+def cornering(n=4000):
+    """A drive of slow bends at 50 Hz, as sensors see it."""
+    rng, t = np.random.default_rng(12), 0.02 * np.arange(n)
+    delta, v_x = 0.03 * np.sin(2 * np.pi * 0.3 * t), 20 + 2 * np.sin(0.1 * t) + 0.02 * rng.normal(size=n)
+    r = v_x * delta / 2.7 + 0.002 * rng.normal(size=n)
+    units = {"delta": "rad", "v_x": "m/s", "r": "rad/s"}
+    return Dataset.from_arrays({"delta": delta, "v_x": v_x}, {"r": r}, 0.02, units=units)
+
+
+@pytest.mark.parametrize("channel", ["v_x", "delta", "r"])
+@pytest.mark.parametrize("samples", [1, 3, 9])
+def test_channels_that_drop_to_zero_are_named(channel, samples):
+    """However often they do: 3 % of the samples are neither spikes nor jumps, as those are told from the usual."""
+    data = cornering()
+    x = data[channel].copy()
+    for k in range(30, 3950, 97):
+        x[k : k + samples] = 0.0
+    report = inspect(data.with_channel(channel, x, data.unit(channel)))
+    (found,) = report.dropouts
+    assert (found.channel, found.samples) == (channel, samples)
+    assert found.count > 20
+    assert any(f"{channel} drops to 0 and comes back in {found.count} places" in s for s in report.sentences)
+
+
+def test_a_car_that_stands_and_an_angle_that_passes_zero_drop_out_nowhere():
+    data = cornering()
+    assert inspect(data).dropouts == ()
+    v_x = np.clip(10 - 0.4 * np.abs(data.t - 40.0), 0.0, None)
+    stands = np.concatenate([v_x, v_x, np.zeros(30)])[: len(v_x)]
+    rounded = np.round(data["r"] / 0.01) * 0.01
+    assert inspect(data.with_channel("v_x", stands, "m/s").with_channel("r", rounded, "rad/s")).dropouts == ()

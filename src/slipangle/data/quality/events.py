@@ -209,7 +209,7 @@ def find_jumps(
     """
     _checked(5, threshold)
     unit = data.unit(channel)
-    limit = fastest if fastest is not None else FASTEST.get(_quantity(unit))
+    limit = fastest if fastest is not None else FASTEST.get(quantity(unit))
     near_spikes = {row for s in skip for row in range(s.row - s.samples, s.row + s.samples + 2)}
     jumps, offset = [], 0
     for part in data.experiments:
@@ -250,7 +250,8 @@ def find_wrap(data: Dataset, channel: str) -> Wrap | None:
     return Wrap(channel=channel, rows=tuple(rows), heading=heading, **at)
 
 
-def _quantity(unit: str) -> str:
+def quantity(unit: str) -> str:
+    """What a unit measures, nothing where it is not known."""
     try:
         return units.quantity(unit)
     except UnitError:

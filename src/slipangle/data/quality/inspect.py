@@ -9,6 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
+from slipangle.data.quality.dropouts import Dropout, find_dropouts
 from slipangle.data.quality.events import Jump, Spike, Wrap, despike, find_jumps, find_spikes, find_wrap, level_step
 from slipangle.errors import ExcitationError, TooShortError
 from slipangle.shown import Shown
@@ -155,6 +156,7 @@ class DataReport(Shown):
     gaps: tuple[float, ...]  # length of each border between experiments [s]
     spikes: tuple[Spike, ...]  # few samples that leave the signal and come back
     jumps: tuple[Jump, ...]  # steps that are too large for the signal
+    dropouts: tuple[Dropout, ...]  # channels that fall to zero and come back, again and again
     delays: tuple[Delay, ...]  # of outputs behind inputs
     dt: float
     samples: int
@@ -182,9 +184,9 @@ class DataReport(Shown):
         return f"{text}, {between}" + (f", the longest gap {longest:.3g} s" if longest > 0 else "")
 
     @property
-    def findings(self) -> tuple[Spike | Jump | Wrap | Delay | Seen, ...]:
+    def findings(self) -> tuple[Spike | Jump | Dropout | Wrap | Delay | Seen, ...]:
         """All findings, the most alarming kind first."""
-        wrong = (*self.spikes, *self.jumps, *self.wraps, *self.clippings, *self.stretches)
+        wrong = (*self.spikes, *self.jumps, *self.dropouts, *self.wraps, *self.clippings, *self.stretches)
         return (*wrong, *self.offsets, *self.delays, *self.excitations, *self.resolutions)
 
     @property
@@ -237,6 +239,7 @@ def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataRe
         gaps=tuple(max(begin - end, 0.0) for end, begin in zip(ends, data.start_times[1:], strict=False)),
         spikes=tuple(sorted(spikes, key=lambda s: s.row)),
         jumps=tuple(sorted(jumps, key=lambda j: j.row)),
+        dropouts=tuple(d for n in data.names if (d := find_dropouts(data, n))),
         delays=_delays(clean),
         offsets=_offsets(clean),
         stretches=tuple(s for n in data.names if (s := _stretch(data, n))),
