@@ -517,6 +517,39 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/realtime/solver.c",
+        "optimal/test_never_dearer.py::test_from_states_of_a_runaway_the_tank_is_still_held",
+        [
+            (
+                "begun plans: which one is cheaper",
+                "2 * cost < s->cost - DEARER * fabs(s->cost)",
+                "2 * cost > s->cost - DEARER * fabs(s->cost)",
+            )
+        ],
+    ),
+    *mistakes(
+        "optimal/joined.py",
+        "optimal/test_rates_of_duration.py::test_no_input_changes_faster_than_its_rate",
+        [
+            (
+                "begun plans: rates over the whole duration",
+                'span = known["duration"] / base.horizon',
+                'span = known["duration"]',
+            )
+        ],
+    ),
+    *mistakes(
+        "optimal/extended.py",
+        "optimal/test_rates_of_duration.py::test_no_input_changes_faster_than_its_rate",
+        [
+            (
+                "begun plans: an input before that stays",
+                "stack([u[self.base.inputs.index(n)] for n in names])",
+                "later[self.n_states - len(names) :]",
+            )
+        ],
+    ),
+    *mistakes(
         "optimal/realtime/saddle.c",
         "optimal/test_maxima.py::test_the_top_of_a_hill_is_left",
         [

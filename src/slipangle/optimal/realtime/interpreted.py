@@ -298,14 +298,13 @@ class WorkArea(Engine):
     def _run_given(self, u: np.ndarray, states: np.ndarray, unfinished: int = 0, *, given: bool = False) -> Solution:
         """To convergence from inputs that are a plan of their own, or somebody's (`given`).
 
-        An optimum far from them may be a local one, dearer than they are with the states that they lead to. Then it
-        begins anew from those, and stays there if that is the better optimum.
+        What many steps, or one that was cut short, lead to may be a local optimum, dearer than they are with the states
+        that they lead to. Then it begins anew from those, and stays there if that is the better one.
         """
         begun = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._shortened = given
         found = self._run(u, states, unfinished)
-        long = self._shortened or found.iterations > FEW_STEPS
-        far = long or float((np.abs(found.u - begun) / self._scale).max()) > FAR
+        far = self._shortened or found.iterations > FEW_STEPS
         left = self._settings.max_iterations - found.iterations
         if found.status is not Status.SOLVED or not far or left < 1:
             return found

@@ -1281,21 +1281,12 @@ static void recall_iterate(Work *s)
     s->cost = s->left_numbers[0], s->violation = s->left_numbers[1], s->residual = s->left_numbers[2];
 }
 
-/* Whether a solve may have ended far from where it began: in inputs, over many steps, or over one that was too long. */
-static int went_far(const Work *s)
-{
-    double most = s->shortened || s->iterations > FEW_STEPS ? INFINITY : 0;
-    for (int a = 0; a < N * NU; a++)
-        most = larger(most, fabs(s->u[a] - s->begun_u[a]) / SCALE[a % NU]);
-    return most > FAR;
-}
-
-/* An optimum far from where the solve began may be a local one, dearer than the inputs that it began with and the states
-   that these lead to. Then it begins anew from those, and stays there if that is the better optimum. */
+/* What many steps, or one that was cut short, lead to may be a local optimum, dearer than the inputs that the solve began
+   with and the states that these lead to. Then it begins anew from those, and stays there if that is the better one. */
 static int begin_cheaper(Work *s, int status)
 {
     double cost, violation;
-    if (status != SOLVED || s->iterations >= s->max_iterations || !went_far(s))
+    if (status != SOLVED || s->iterations >= s->max_iterations || !(s->shortened || s->iterations > FEW_STEPS))
         return status;
     keep_iterate(s);
     memcpy(s->u, s->begun_u, sizeof s->u);
