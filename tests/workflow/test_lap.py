@@ -7,6 +7,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.cli import main
+from slipangle.data.race import EARTH
 from slipangle.report.lap import lap_playback
 from tests.optimal.lap.cars import RACER, circuit
 from tests.workflow.test_cli import write_job
@@ -72,6 +73,23 @@ def test_a_driven_log_is_held_against_the_lap(files, capsys):
     assert "Beside it: the driven lap" in page
     assert main(["lap", job, track, *how]) == 0
     assert "you lose" in capsys.readouterr().out
+
+
+def test_a_job_says_where_the_track_of_a_gps_log_lies(files, capsys):
+    """The log begins far from the track's zero: two laps by latitude and longitude, which count from `origin`."""
+    job, _, folder = files
+    middle = circuit()
+    s = np.arange(0.3, 2.5, 0.5 / middle.length) * middle.length
+    place = middle.at(s)
+    lat = 52.0 + np.degrees(place.Y / EARTH)
+    lon = 13.0 + np.degrees(place.X / (EARTH * np.cos(np.radians(52.0))))
+    table = np.column_stack([(s - s[0]) / 10.0, lat, lon])
+    np.savetxt(folder / "gps.csv", table, delimiter=",", header="t [s],latitude [deg],longitude [deg]", comments="")
+    with open(job, "a") as opened:
+        opened.write('\n[lap]\ntrack = "track.csv"\npoints = 60\nset = { power = 1.5e5 }\norigin = [52.0, 13.0]\n')
+    assert main(["lap", job, "--driven", str(folder / "gps.csv"), "--out", str(folder / "o"), "--json"]) == 0
+    driven = json.loads(capsys.readouterr().out)["driven"]
+    assert driven["time"] == pytest.approx(middle.length / 10.0, abs=0.1)
 
 
 def test_the_lap_that_plays_is_the_lap():

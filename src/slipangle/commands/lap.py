@@ -71,7 +71,7 @@ def _lap(options: argparse.Namespace) -> Answer:
         bar(0.2 if settings.race else 0.5, "finding the lap")
         how = ("line", "points", "margin", "smoothness", "v_max", "v_start", "tolerance", "iterations")
         lap = fastest_lap(car, track, **{key: getattr(wanted, key) for key in how})
-        delta = None if wanted.driven is None else _driven(wanted.driven, lap)
+        delta = None if wanted.driven is None else _driven(wanted.driven, lap, wanted.origin)
         drive = settings.race
         raced = drive and race.raced(
             drive, settings.plant, model, car, track, wanted.points, lambda s, what: bar(0.3 + 0.6 * s, what)
@@ -97,12 +97,14 @@ def _lap(options: argparse.Namespace) -> Answer:
     return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}", code)
 
 
-def _driven(file: str | Path, lap: Lap) -> LapDelta:
-    """The best lap of a log against the fastest one."""
+def _driven(file: str | Path, lap: Lap, origin: tuple[float, float] | None) -> LapDelta:
+    """The best lap of a log against the fastest one; ``origin`` of the track's frame in degrees."""
     from slipangle.data.readers import read
     from slipangle.optimal.lap.driven import driven_laps, lap_delta
+    from slipangle.units import deg
 
-    return lap_delta(lap, min(driven_laps(read(file), lap.track), key=lambda driven: driven.time))
+    zero = None if origin is None else (deg(origin[0]), deg(origin[1]))
+    return lap_delta(lap, min(driven_laps(read(file), lap.track, origin=zero), key=lambda driven: driven.time))
 
 
 def _worst(delta: LapDelta) -> list[Sector]:

@@ -48,9 +48,15 @@ def equirectangular(
     return EARTH * np.cos(lat0) * around, EARTH * (lat - lat0)
 
 
-def with_position(data: Dataset, latitude: str = "latitude", longitude: str = "longitude") -> Dataset:
-    """The data with X (east) and Y (north) [m] from channels in radians; see `equirectangular`."""
-    x, y = equirectangular(data[latitude], data[longitude])
+def with_position(
+    data: Dataset,
+    latitude: str = "latitude",
+    longitude: str = "longitude",
+    *,
+    origin: tuple[float, float] | None = None,
+) -> Dataset:
+    """The data with X (east) and Y (north) [m] from channels in radians, of an origin; see `equirectangular`."""
+    x, y = equirectangular(data[latitude], data[longitude], origin=origin)
     return data.with_channel("X", x, "m").with_channel("Y", y, "m")
 
 

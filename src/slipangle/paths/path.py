@@ -42,6 +42,8 @@ class Path(Shown):
         Speed profile [m/s]; distance from the centre line to the lane's edges, infinite where nothing marks them [m].
     closed, name
         Whether the last sample is the first one again; for reports.
+    origin : (float, float), optional
+        Latitude and longitude where X (east) and Y (north) are zero. [rad]
     """
 
     s: np.ndarray
@@ -54,6 +56,7 @@ class Path(Shown):
     v_x: np.ndarray | None = None
     right: np.ndarray | None = None
     left: np.ndarray | None = None
+    origin: tuple[float, float] | None = None
 
     def _words(self) -> str:
         return f"{self.name}, {self.length:.5g} m{', closed' if self.closed else ''}"
@@ -76,6 +79,9 @@ class Path(Shown):
                 raise ParameterError(f"the speed profile of '{self.name}' falls below zero; expected speeds in m/s")
             values.setflags(write=False)
             object.__setattr__(self, key, values)
+        where = self.origin
+        if where is not None and not (np.shape(where) == (2,) and np.abs(where[0]) <= np.pi / 2):
+            raise ParameterError(f"'{self.name}'.origin is {where!r}; expected latitude and longitude in rad, or none")
         step = np.diff(self.s)
         if self.s[0] != 0 or not np.allclose(step, step[0], rtol=1e-6, atol=0) or step[0] <= 0:
             raise ParameterError(f"'{self.name}'.s must rise evenly from zero: use Path.from_points to sample a line")
@@ -119,7 +125,8 @@ class Path(Shown):
             )
         curve, at_points = sample_spline(x, y, closed=closed, smoothing=smoothing, spacing=spacing)
         lane = {side: np.interp(curve["s"], at_points, e) for side, e in edges.items()}
-        return cls(**curve, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
+        line: Any = curve
+        return cls(**line, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
 
     @classmethod
     def from_edges(

@@ -10,8 +10,7 @@ from slipangle.control.commands import Commands
 from slipangle.control.racing.racer import Racer
 from slipangle.control.racing.sensing import NOISE
 from slipangle.data.dataset import Channel, Dataset
-from slipangle.errors import TooShortError
-from slipangle.optimal.lap.driven import DrivenLap, driven_laps
+from slipangle.optimal.lap.driven import DrivenLap, cut_laps
 from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
@@ -133,10 +132,7 @@ def race(racer: Racer, plant: Plant, laps: int) -> Race:
     )
     places = np.column_stack([run["X"], run["Y"], run["v_x"]])
     channels = (Channel("X", "m"), Channel("Y", "m"), Channel("v_x", "m/s"))
-    try:
-        driven = driven_laps(Dataset(values=places, channels=channels, dt=racer.sample), racer.track)[:laps]
-    except TooShortError:
-        driven = ()
+    driven = cut_laps(Dataset(values=places, channels=channels, dt=racer.sample), racer.track)[0][:laps]
     table = np.array(read)[: len(run.t)]
     ends = [min(round((one.begin + one.time) / racer.sample) + AFTER, len(table) - 1) for one in driven]
     return Race(

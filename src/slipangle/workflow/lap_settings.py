@@ -39,6 +39,8 @@ class LapSettings:
         How often the solver may try.
     driven : file
         A log with X, Y or latitude, longitude, whose best lap is held against the fastest one.
+    origin : list
+        Latitude and longitude where the track's x and y are zero, for a log with latitude, longitude. [deg]
     """
 
     track: Path | None = None
@@ -53,3 +55,4 @@ class LapSettings:
     tolerance: Annotated[float, Within(1e-10, 1e-2)] = 1e-6
     iterations: Annotated[int, Within(1, 100_000)] = 500
     driven: Path | None = None
+    origin: tuple[float, float] | None = None

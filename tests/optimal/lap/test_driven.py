@@ -1,5 +1,6 @@
 """Laps of a log against the fastest one: logs that are made of a lap, driven again with a known loss."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -83,6 +84,49 @@ def test_a_log_of_latitude_and_longitude_is_one_of_places():
     edge = lap.track
     moved = sa.Path.from_points(edge.X - plain["X"][0], edge.Y - plain["Y"][0], closed=True)
     assert sa.driven_laps(data, moved)[0].time == pytest.approx(lap.time, abs=0.02)
+
+
+def of_angles(log, lat=0.7, lon=0.2):
+    """The same log by latitude and longitude, the frame's zero at these."""
+    values = np.column_stack([lat + log["Y"] / EARTH, lon + log["X"] / (EARTH * np.cos(lat))])
+    channels = [sa.Channel("latitude", "rad"), sa.Channel("longitude", "rad")]
+    return sa.Dataset(values=values, channels=channels, dt=DT, name="gps")
+
+
+def test_latitude_and_longitude_count_from_the_track_s_origin():
+    lap = fastest()
+    data = of_angles(log_of(lap))
+    plain = sa.driven_laps(log_of(lap), lap.track)[0]
+    for found in (
+        sa.driven_laps(data, lap.track, origin=(0.7, 0.2))[0],
+        sa.driven_laps(data, replace(lap.track, origin=(0.7, 0.2)))[0],
+    ):
+        assert found.time == pytest.approx(plain.time, abs=1e-3)
+        assert found.n == pytest.approx(plain.n, abs=0.05)
+
+
+def test_a_track_that_does_not_say_where_it_lies_is_asked_for_its_origin():
+    lap = fastest()
+    middle = (lap.track.X[0], lap.track.Y[0])
+    aside = sa.Path.from_points(
+        lap.track.X[::20] - middle[0] + 15.0, lap.track.Y[::20] - middle[1] + 15.0, closed=True, right=5.0, left=5.0
+    )
+    with pytest.raises(ParameterError, match=r"does not say where its X and Y are zero.*give origin="):
+        sa.driven_laps(of_angles(log_of(lap)), aside)
+    with pytest.raises(MissingColumnError, match="no latitude and longitude to count from"):
+        sa.driven_laps(log_of(lap), lap.track, origin=(0.7, 0.2))
+    with pytest.raises(ParameterError, match="expected latitude and longitude"):
+        sa.driven_laps(of_angles(log_of(lap)), lap.track, origin=(0.7, np.nan))
+
+
+@pytest.mark.parametrize("edges", [None, 5.0])
+def test_laps_beside_the_track_as_a_whole_are_named(edges):
+    lap = fastest()
+    track = sa.Path.from_points(lap.track.X[::20], lap.track.Y[::20], closed=True, right=edges, left=edges)
+    log = of_angles(log_of(lap))
+    there = (0.7 - 19.0 / EARTH, 0.2)
+    with pytest.raises(ParameterError, match=r"lie \d+\.\d m beside the line .* in the median, beyond its edges"):
+        sa.driven_laps(log, track, origin=there)
 
 
 def test_logs_without_a_lap_are_named():

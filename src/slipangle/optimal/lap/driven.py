@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy import signal
@@ -16,6 +17,7 @@ from slipangle.paths.path import Path
 from slipangle.shown import Shown
 
 _FAR = 30.0  # m from the track's line, where a log is one of another place
+_WIDE, _WIDE_SHARE = 10.0, 0.03  # m, and of a lap, that no car is beside a line without edges as a whole
 _RISE = 3.0  # m/s, by which the speed of a car of usual size rises before and after a place that ends a sector
 _STEP = 1.0  # m, between the places of a driven lap
 
@@ -98,51 +100,111 @@ class LapDelta(Shown):
         return f"{self.delta[-1]:+.3f} s, most at {worst.corner:.0f} m: {worst.lost:+.3f} s"
 
 
-def driven_laps(data: Dataset, track: Path) -> tuple[DrivenLap, ...]:
+def driven_laps(data: Dataset, track: Path, *, origin: tuple[float, float] | None = None) -> tuple[DrivenLap, ...]:
     """The complete laps of a log, cut where the track's line begins, in driving order.
 
     Parameters
     ----------
     data : Dataset
-        With the place as X and Y [m] in the track's frame, or as latitude and longitude [rad], from the first sample;
-        ``v_x`` [m/s] where it is known.
+        With the place as X and Y [m] in the track's frame, or as latitude and longitude [rad]; ``v_x`` [m/s] where it
+        is known.
     track : Path
-        Closed; edges do not count here.
+        Closed; edges say whether laps lie on it.
+    origin : (float, float), optional
+        Latitude and longitude where the track's X and Y are zero [rad]: places are then those of the log's latitude and
+        longitude. By default the track's own `Path.origin`; where it has none, latitude and longitude count from the
+        log's first sample, which must then be where the track's frame begins, on the track.
 
     Raises
     ------
     MissingColumnError
         If the log has no place.
     ParameterError
-        If the track is open, or the log is further than 30 m from it everywhere.
+        If the track is open, the log is further than 30 m from it everywhere, its laps lie beside it as a whole, or
+        nothing says where the track's frame lies.
     TooShortError
         If there is no complete lap.
     """
     if not track.closed:
         raise ParameterError(f"'{track.name}' is open; expected a closed track to cut laps of")
-    if "X" not in data or "Y" not in data:
-        if "latitude" not in data or "longitude" not in data:
-            raise MissingColumnError(
-                f"'{data.name}' has neither X and Y nor latitude and longitude; expected the place of the car: name "
-                "its columns"
-            )
-        data = with_position(data)
+    data, how = _placed(data, track, origin)
+    found, nearest = cut_laps(data, track)
+    if nearest > _FAR:
+        raise ParameterError(
+            f"'{data.name}' comes no nearer than {nearest:.0f} m to '{track.name}', {how}; expected places in the "
+            "track's own frame: convert them, or give origin=(lat, lon) [rad] where its X and Y are zero"
+        )
+    if not found:
+        raise TooShortError(
+            f"'{data.name}' holds no complete lap of '{track.name}', {how}; expected one: take a longer record"
+        )
+    _refuse_beside(found, data.name, track, how)
+    return found
+
+
+def cut_laps(data: Dataset, track: Path) -> tuple[tuple[DrivenLap, ...], float]:
+    """Complete laps of a log whose X and Y [m] are known to be of the track's frame, none or more, in driving order.
+
+    And how near to the track's line it comes. [m]
+    """
     found: list[DrivenLap] = []
     nearest = np.inf
     for part, start in zip(data.experiments, data.start_times, strict=True):
         feet = np.asarray(track.project_all(part["X"], part["Y"]))
         nearest = min(nearest, float(np.abs(feet[:, 1]).min()))
         found += _laps_of(part, feet, track, float(start), len(found))
-    if nearest > _FAR:
+    return tuple(found), nearest
+
+
+def _placed(data: Dataset, track: Path, origin: tuple[float, float] | None) -> tuple[Dataset, str]:
+    """The log with X and Y in the track's frame [m], and in words from where they count; raises as `driven_laps`."""
+    angles = "latitude" in data and "longitude" in data
+    if origin is not None and not (np.shape(origin) == (2,) and np.isfinite(origin).all()):
+        raise ParameterError(f"origin is {origin!r}; expected latitude and longitude of the track's frame [rad]")
+    if origin is not None and not angles:
+        raise MissingColumnError(
+            f"'{data.name}' has no latitude and longitude to count from origin; expected both, or no origin: name its "
+            "columns"
+        )
+    zero = track.origin if origin is None else origin
+    if angles and zero is not None:
+        return with_position(data, origin=zero), "its places counted from the track's origin"
+    if "X" in data and "Y" in data and not (angles and data["X"][0] == data["Y"][0] == 0.0):
+        return data, "its places taken from X and Y"
+    if not angles:
+        raise MissingColumnError(
+            f"'{data.name}' has neither X and Y nor latitude and longitude; expected the place of the car: name "
+            "its columns"
+        )
+    s, n, _ = track.project_all(np.zeros(1), np.zeros(1))[0]
+    beside, room = _beside(track, s, n)
+    if (beside > room).any():
         raise ParameterError(
-            f"'{data.name}' comes no nearer than {nearest:.0f} m to '{track.name}'; expected places in the track's own "
-            "frame: convert them, see slipangle.data.race.equirectangular for its origin"
+            f"'{data.name}' has latitude and longitude, and '{track.name}' does not say where its X and Y are zero "
+            f"({abs(n):.0f} m beside its line); expected that place: give origin=(lat, lon) [rad], in a job origin of "
+            "[lap] [deg]"
         )
-    if not found:
-        raise TooShortError(
-            f"'{data.name}' holds no complete lap of '{track.name}'; expected one: take a longer record"
+    return with_position(data), "its places counted from its own first sample"
+
+
+def _beside(track: Path, s: Any, n: Any) -> tuple[Any, Any]:
+    """How far places are from the track's line, and how far its edge is there, or where none is what no car is. [m]"""
+    s, n = np.atleast_1d(s), np.atleast_1d(n)
+    lane = track.at(s)
+    edge = np.where(n > 0, lane.left, lane.right)
+    return np.abs(n), np.where(np.isfinite(edge), edge, min(_WIDE, _WIDE_SHARE * track.length))
+
+
+def _refuse_beside(found: tuple[DrivenLap, ...], name: str, track: Path, how: str) -> None:
+    """Raise ParameterError if more than half of the way of the laps lies beyond the track's edges."""
+    s, n = np.concatenate([lap.s for lap in found]), np.concatenate([lap.n for lap in found])
+    far, room = _beside(track, s, n)
+    if np.median(far - room) > 0:
+        raise ParameterError(
+            f"the laps of '{name}' lie {np.median(far):.1f} m beside the line of '{track.name}' in the median, beyond "
+            f"its edges, {how}; expected places in the track's own frame: convert them, or give origin=(lat, lon) "
+            "[rad] where its X and Y are zero"
         )
-    return tuple(found)
 
 
 def _laps_of(part: Dataset, feet: np.ndarray, track: Path, start: float, before: int) -> list[DrivenLap]:
