@@ -18,6 +18,7 @@ from slipangle.optimal.lap.lap import Lap, lap_of
 from slipangle.optimal.lap.line import minimum_curvature
 from slipangle.optimal.lap.profile import speed_profile
 from slipangle.optimal.lap.program import N_STATES, scales
+from slipangle.optimal.lap.resolved import require_resolved
 from slipangle.optimal.lap.solve import Problem, solve
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import Path
@@ -92,13 +93,15 @@ def fastest_lap(
     Raises
     ------
     ParameterError
-        If the car does not fit between the edges, the track has none, or a setting is out of range.
+        If the car does not fit between the edges, the track has none, its line is noisy, folds back or overlaps past
+        its start, or a setting is out of range.
     SolverError
         If no optimum was found; the sentence says how the solver ended.
     """
     began = time.perf_counter()
     vehicle = lap_car(car)
     _check(track, line, points, smoothness, margin, v_max, v_start, like)
+    require_resolved(track, vehicle.size)
     count = min(max(math.ceil(track.length / (_SPACING * vehicle.size)), _FEWEST), _MOST) if points is None else points
     room = 0.5 * vehicle.width + margin
     edges: dict[str, Any] = {

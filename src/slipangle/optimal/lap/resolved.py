@@ -1,0 +1,80 @@
+"""Whether a track's line is one that a car can follow: no fold, no noise of its points, no bend between its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.paths.path import Path
+
+_STRETCH = 10.0  # m, for a car of usual size and larger ones, in which a track does not turn to and fro by much
+_NOISY = 0.08  # rad to and fro in a stretch, in the mean; race tracks have 0.001
+_CROOKED = 1.2  # rad to and fro in one stretch; race tracks have 0.15
+_ROUND, _TURNED = 4.0, 2.6  # m, for a car of usual size, in which no track turns by so many rad
+_NEAR, _ALONG = 2.0, 0.9  # m, for a car of usual size, and cosine of an angle, where a line is on its own start
+_MISSED = 0.1  # rad between two samples, that the curvature does not have
+
+
+def require_resolved(track: Path, size: float) -> None:
+    """Raise ParameterError if the track's line is noisy, laps itself, folds back or has bends that its samples miss.
+
+    ``size`` is that of the car over a usual one. [-]
+    """
+    again = _again(track, size)
+    if again is not None:
+        raise ParameterError(
+            f"the line of '{track.name}' comes past its start again {again:.0f} m after it, {track.length - again:.0f} "
+            "m before its end; expected one lap in driving order: cut the points that overlap"
+        )
+    _refuse_noise(track, _STRETCH * min(size, 1.0))
+    h, k = track.spacing, track.curvature
+    missed = np.abs(np.diff(track.psi) - 0.5 * h * (k[1:] + k[:-1]))
+    folded = np.abs(_within(track, track.psi, _ROUND * size))
+    if missed.max() > _MISSED or folded.max() > _TURNED:
+        fold = folded.max() > _TURNED
+        at = int(np.argmax(folded)) * h + 0.5 * _ROUND * size if fold else (int(np.argmax(missed)) + 0.5) * h
+        what = f"{folded.max():.2g} rad within {_ROUND * size:.2g} m" if fold else f"{missed.max():.2g} rad unseen"
+        raise ParameterError(
+            f"the line of '{track.name}' folds back {at % track.length:.0f} m after its start ({what}), as points do "
+            "that lie behind the one before; expected one lap in driving order: cut an overlap, give "
+            "Path.from_points smoothing=, or a smaller spacing= for a small track"
+        )
+
+
+def _again(track: Path, size: float) -> float | None:
+    """Where a closed line lies on its own start and goes along it, elsewhere than there; None where nowhere. [m]"""
+    if not track.closed:
+        return None
+    width = sum(np.inf if edge is None else float(edge[0]) for edge in (track.left, track.right))
+    near = min(_NEAR * size, 0.25 * width)
+    apart = max(_ROUND * size, 2.0 * near)
+    at = np.hypot(track.X - track.X[0], track.Y - track.Y[0]) < near
+    at &= np.abs(np.cos(track.psi - track.psi[0])) > _ALONG
+    at &= (track.s > apart) & (track.s < track.length - apart)
+    return float(track.s[np.argmax(at)]) if at.any() else None
+
+
+def _refuse_noise(track: Path, stretch: float) -> None:
+    h, k = track.spacing, track.curvature
+    turned, both = (_within(track, _summed(h, c), stretch) for c in (k, np.abs(k)))
+    shaken = both - np.abs(turned)
+    if shaken.mean() > _NOISY or shaken.max() > _CROOKED:
+        at = (int(np.argmax(shaken)) * h + 0.5 * stretch) % track.length
+        raise ParameterError(
+            f"the line of '{track.name}' turns to and fro by {shaken.max():.2g} rad within {stretch:.3g} m, {at:.0f} m "
+            f"after its start, and by {shaken.mean():.2g} rad in the mean, as noise of its points makes it; expected a "
+            "line that a car follows: give Path.from_points or from_file smoothing=, the standard deviation of the "
+            "points [m], and cut an overlap past the start"
+        )
+
+
+def _summed(h: float, k: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * h * (k[1:] + k[:-1]))])
+
+
+def _within(track: Path, total: np.ndarray, length: float) -> np.ndarray:
+    """What a total over the samples gains within a length from each sample on, across the start if closed."""
+    n = min(max(round(length / track.spacing), 1), len(total) - 1)
+    if track.closed:
+        total = np.concatenate([total, total[1 : n + 1] + total[-1] - total[0]])
+    return total[n:] - total[:-n]

@@ -1,0 +1,76 @@
+"""Measured lines: noise, folds and overlaps are named before a lap is looked for; sound tracks never are."""
+
+import numpy as np
+import pytest
+from benchmarks.bench_lap import random_track
+
+import slipangle as sa
+from slipangle.errors import ParameterError
+from slipangle.optimal.lap.resolved import require_resolved
+from slipangle.paths.lane_change import double_lane_change
+from tests.optimal.lap.cars import RACER, circuit, ring, straight
+
+
+def measured(noise=0.0, beyond=0, aside=0.0, **how):
+    """The circuit by points 2.8 m apart with noise, the first ones once more at the end, so much beside. [m]"""
+    track, rng = circuit(), np.random.default_rng(0)
+    s = np.arange(0.0, track.length - 1.4, 2.8)
+    first, again = track.at(s), track.at(s[:beyond] + 1.0)
+    X, Y = (
+        np.concatenate([first.X, again.X - aside * np.sin(again.psi)]),
+        np.concatenate([first.Y, again.Y + aside * np.cos(again.psi)]),
+    )
+    X, Y = (c + noise * rng.normal(size=len(c)) for c in (X, Y))
+    return sa.Path.from_points(X, Y, closed=True, right=5.0, left=5.0, name="measured", **how)
+
+
+def hairpins(radius, half=4.0):
+    """Two straights of 120 m, joined by half circles."""
+    t, b = np.arange(0.0, 120.0, 3.0), np.linspace(-np.pi / 2, np.pi / 2, max(round(np.pi * radius / 3.0), 8) + 1)[1:]
+    X = np.concatenate([t, 120.0 + radius * np.cos(b), 120.0 - t[1:], -radius * np.cos(b[:-1])])
+    Y = np.concatenate([0 * t - radius, radius * np.sin(b), 0 * t[1:] + radius, -radius * np.sin(b[:-1])])
+    return sa.Path.from_points(X, Y, closed=True, smoothing=0.1, right=half, left=half)
+
+
+def eight(size=1.0):
+    a = np.linspace(0, 2 * np.pi, 240)[:-1]
+    return sa.Path.from_points(90 * size * np.sin(a), 45 * size * np.sin(2 * a), closed=True)
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.2, 0.5])
+def test_noise_is_named_and_smoothing_takes_it_out(noise):
+    with pytest.raises(ParameterError, match=r"turns to and fro by .* m after its start, .* smoothing="):
+        sa.fastest_lap(RACER, measured(noise))
+    smooth = sa.fastest_lap(RACER, measured(noise, smoothing=noise), points=80)
+    assert smooth.time == pytest.approx(sa.fastest_lap(RACER, circuit(), points=80).time, rel=0.01)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.3, 1.5, 2.5])
+@pytest.mark.parametrize("beyond", [1, 3, 10, 40])
+def test_points_past_the_start_are_named(beyond, aside):
+    """Within 30 m of the start or at the end of what overlaps."""
+    with pytest.raises(ParameterError, match=r"comes past its start again|folds back|to and fro") as said:
+        sa.fastest_lap(RACER, measured(beyond=beyond, aside=aside))
+    assert "overlap" in str(said.value)
+
+
+def test_bends_between_the_samples_are_named():
+    x = np.array([0.0, 50.0, 100.0, 100.5, 100.5, 50.0, 0.0])
+    spike = sa.Path.from_points(x, np.array([0.0, 0.0, 0.0, 0.3, 0.6, 0.9, 1.2]), smoothing=0.0, right=3.0, left=3.0)
+    with pytest.raises(ParameterError, match=r"folds back|to and fro"):
+        sa.fastest_lap(RACER, spike)
+
+
+def test_sound_tracks_are_not_called_noisy():
+    rng = np.random.default_rng(0)
+    random = [random_track(rng) for _ in range(50)]
+    for track in (*random, circuit(), ring(), straight(), eight(), *map(hairpins, (4.0, 6.0, 9.0, 15.0))):
+        for size in (0.4, 1.0, 2.1):
+            require_resolved(track, size)
+    require_resolved(eight(0.1), 0.1)
+    require_resolved(double_lane_change(v_x=20.0), 1.0)
+
+
+@pytest.mark.parametrize("name", ["Budapest", "Monza", "Norisring", "Silverstone", "Spielberg"])
+def test_race_tracks_are_not_called_noisy(name, real_data):
+    require_resolved(sa.Path.from_file(real_data(f"tracks/tum/{name}.csv")), 1.0)
