@@ -1,5 +1,6 @@
 """Several phases of different models in one plan, against plain programs by Ipopt with every phase written out."""
 
+import math
 import pickle
 
 import casadi as ca
@@ -245,6 +246,10 @@ def test_what_has_no_answer_is_named(solver):
         ({"problems": [first()]}, "two or more"),
         ({"problems": [first(), second()], "links": None}, r"expected links=\[lambda x"),
         ({"problems": [first(), second()], "links": []}, "one per junction"),
+        ({"problems": [first(), second()], "links": link}, r"links is .*; expected a list of 1 functions"),
+        ({"problems": [first(), first()], "links": [3.0]}, r"links is .*; expected a list of 1 functions"),
+        ({"problems": [first(), first()], "solver": "osqp"}, "the solver is 'osqp'; expected"),
+        ({"problems": [first(), first()], "solver": None}, "the solver is None; expected"),
         ({"problems": [first(), first(steps=(1, 1, 1, 1, 1, 2))], "links": None}, "several steps"),
         ({"problems": [second(scenarios=Scenarios({"drag": (0.1, 0.3)})), second()], "links": None}, "scenarios"),
     ],
@@ -273,3 +278,26 @@ def test_arguments_are_looked_at():
         phases.plan(np.zeros(3), [{}, {}])
     with pytest.raises(ParameterError, match="link 0 gives 1 states"):
         phases.plan(np.zeros(2), [{"s": 0.0, "v": 0.0}, {"phi": 0.0}])
+    for wanted, words in (
+        (None, "wanted is None; expected a list of 2"),
+        ([None, {}], r"wanted\[0\] is None; expected what is wanted in phase 0"),
+        ([{}, 2], r"wanted\[1\] is 2; expected what is wanted in phase 1"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            phases.plan(np.zeros(2), wanted)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda x: None,
+        lambda x: [x[0] if x[0] > 0 else 0.0, x[1]],
+        lambda x: [x[5], x[1]],
+        lambda x: [math.sin(x[0]), x[1]],
+        lambda x: ["s", "v"],
+    ],
+)
+def test_a_link_that_is_no_function_of_the_state_is_named(wrong):
+    phases = Phases([first(), first()], links=[wrong])
+    with pytest.raises(ParameterError, match=r"link 0 fails on symbols \(.*\); expected a function of the 2 states"):
+        phases.plan(np.zeros(2), [{"s": 0.0, "v": 0.0}] * 2)

@@ -26,6 +26,8 @@ from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
 from slipangle.shown import Shown
 
+_NAMED: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhasePlan:
@@ -146,10 +148,15 @@ class Phases(Checked):
                     f"a phase ends with the states {list(a.model.states)} and the next begins with "
                     f"{list(b.model.states)}; expected links=[lambda x: [...]] from the first to the second"
                 )
-        links = [_same] * (len(phases) - 1) if self.links is None else list(self.links)
-        if len(links) != len(phases) - 1 or not all(callable(link) for link in links):
+        links = [_same] * (len(phases) - 1) if self.links is None else self.links
+        if not isinstance(links, Sequence) or len(links) != len(phases) - 1 or not all(map(callable, links)):
             raise ParameterError(
-                f"there are {len(links)} links; expected {len(phases) - 1} functions, one per junction"
+                f"links is {short(self.links)}; expected a list of {len(phases) - 1} functions, one per junction, such "
+                "as links=[lambda x: [...]]"
+            )
+        if self.solver not in _NAMED if isinstance(self.solver, str) else not hasattr(self.solver, "build"):
+            raise ParameterError(
+                f'the solver is {self.solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
             )
         object.__setattr__(self, "problems", phases)
         object.__setattr__(self, "links", tuple(links))
@@ -160,9 +167,8 @@ class Phases(Checked):
 
     @built
     def _parts(self) -> tuple[Linked, Engine]:
-        named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
         linked: Any = Linked(self.problems, self.links)  # type: ignore[arg-type]
-        backend = named[self.solver] if isinstance(self.solver, str) else self.solver
+        backend = _NAMED[self.solver] if isinstance(self.solver, str) else self.solver
         return linked, backend.build(linked, self.deadline)
 
     def plan(
@@ -199,12 +205,7 @@ class Phases(Checked):
         x = vector(x, first.model.states, "the state")
         zero = np.clip(np.zeros(len(first.controls)), *first.input_bounds.T)
         before = zero if applied is None else applied_input(applied, first.controls)
-        if isinstance(wanted, Mapping | Reference):
-            raise ParameterError(
-                f"wanted is one {type(wanted).__name__}; expected a list of {len(phases)}, what is wanted in each phase"
-            )
-        if len(wanted) != len(phases):
-            raise ParameterError(f"wanted has {len(wanted)} entries; expected one for each of {len(phases)} phases")
+        _require_wanted(wanted, len(phases))
         references = [
             p.check_reference(r) if isinstance(r, Reference) else setpoint(p, r)
             for p, r in zip(phases, wanted, strict=True)
@@ -229,6 +230,21 @@ class Phases(Checked):
 
 def _same(x: Any) -> Any:
     return x
+
+
+def _require_wanted(wanted: Any, count: int) -> None:
+    """Raise ParameterError unless it is a list of what is wanted in each phase."""
+    single = f"one {type(wanted).__name__}" if isinstance(wanted, Mapping | Reference) else short(wanted)
+    if not isinstance(wanted, list | tuple):
+        raise ParameterError(f"wanted is {single}; expected a list of {count}, what is wanted in each phase")
+    if len(wanted) != count:
+        raise ParameterError(f"wanted has {len(wanted)} entries; expected one for each of {count} phases")
+    for k, own in enumerate(wanted):
+        if not isinstance(own, Mapping | Reference):
+            raise ParameterError(
+                f"wanted[{k}] is {short(own)}; expected what is wanted in phase {k} by name, such as "
+                '{"v_x": 20.0}, or a Reference; {} where nothing is'
+            )
 
 
 def _each(given: Any, phases: Sequence[OCP]) -> list[Guess | None]:

@@ -9,6 +9,7 @@ stage does not belong to are evaluated where they do no harm, and count nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 from uuid import uuid4
@@ -257,15 +258,28 @@ class Linked(OCP):
         Raises
         ------
         ParameterError
-            If the link gives another number of states.
+            If the link is no function of the state that gives those of the next phase.
         """
-        given = self.links[k](x[: self.bases[k].model.n_states])
-        state = given if is_symbolic(given) else ca.vertcat(*given)
-        wanted = self.bases[k + 1].model.states
+        before, wanted = self.bases[k].model.states, self.bases[k + 1].model.states
+        needs = (
+            f"expected a function of the {len(before)} states {list(before)} that gives a list of the next phase's, "
+            f"{list(wanted)}, by arithmetic and slipangle.ops, such as ops.sin and ops.where"
+        )
+        try:
+            state = _stacked(self.links[k](x[: len(before)]))
+        except Exception as error:
+            said = str(error).strip().rpartition("\n")[2][:200]
+            raise ParameterError(f"link {k} fails on symbols ({type(error).__name__}: {said}); {needs}") from error
         if state.numel() != len(wanted):
-            raise ParameterError(
-                f"link {k} gives {state.numel()} states; expected those of the next phase: {list(wanted)}"
-            )
+            raise ParameterError(f"link {k} gives {state.numel()} states; {needs}")
+        x, number = ca.SX.sym("x", len(before)), None
+        place = HARMLESS[0] + HARMLESS[1] * np.arange(len(before))
+        with suppress(Exception):  # such as a function of CasADi's, that takes symbols alone
+            number = np.array(self.links[k](place), dtype=float).ravel()
+        if number is not None and np.isfinite(number).all():
+            symbolic = np.array(ca.Function("link", [x], [_stacked(self.links[k](x))])(place)).ravel()
+            if not np.allclose(symbolic, number, rtol=1e-9, atol=1e-12):
+                raise ParameterError(f"link {k} fails on symbols ({symbolic} there, {number} on numbers); {needs}")
         return state
 
     # ---- references --------------------------------------------------------------------------------------------
@@ -350,6 +364,10 @@ class Linked(OCP):
             after = self.jump if i in self.jumps else self.dynamics
             later = np.asarray(after(states[i], u[i], w[i])).ravel()
             states[i + 1] = later if finite(later) else states[i]
+
+
+def _stacked(given: Any) -> Any:
+    return given if is_symbolic(given) else ca.vertcat(*given)
 
 
 def _slots(bases: Sequence[OCP], parts: Sequence[OCP]) -> tuple[tuple[list[int], ...], tuple[str, ...], np.ndarray]:
