@@ -369,11 +369,16 @@ MUTANTS = [
         "data/quality/plausible.py",
         "data/quality/test_plausible.py",
         [
-            ("a coarse channel is stuck", "_COARSE * finest if usual < _COARSE * finest else 0.0", "0.0"),
+            ("a late yaw rate is swapped", " and large > abs(small)", ""),
             ("swapped channels by their size alone", "abs(slope) / 0.5) < 1", "1.0) < 1"),
             ("understeer of a yaw rate with its offset", "true = r - value", "true = r"),
             ("understeer in proportion up to the limit", "v * (v * true) ** 3", "v * (v * true)"),
         ],
+    ),
+    *mistakes(
+        "data/quality/stuck.py",
+        "data/quality/test_plausible.py",
+        [("a coarse channel is stuck", "_COARSE * finest if usual < _COARSE * finest else 0.0", "0.0")],
     ),
     *mistakes(
         "identify/car/late.py",

@@ -1,5 +1,6 @@
 """Channels that contradict each other are named, sound ones are not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,7 @@ PLANTED = {
     "degrees": (changed("delta", np.rad2deg), "degrees"),
     "km/h": (changed("v_x", lambda v: 3.6 * v), "km/h"),
     "offset of the yaw rate": (changed("r", lambda r: r + 0.2), "subtract it"),
+    "mph": (changed("v_x", lambda v: v / 0.447), "in mph"),
     "hand wheel": (changed("delta", lambda d: 15 * d), "hand wheel"),
     "radians": (changed("delta", np.deg2rad), "delta is logged in rad"),
     "deg/s": (changed("r", np.rad2deg), "deg/s"),
@@ -70,6 +72,15 @@ PLANTED = {
     "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
 }
+
+
+def crossed():
+    """The yaw rate and v_y in each other's columns."""
+    data = clean()
+    return data.with_channel("v_y", data["r"], "m/s").with_channel("r", data["v_y"], "rad/s")
+
+
+PLANTED["r and v_y"] = (crossed(), "r and v_y are swapped")
 
 
 def with_rear(size):
@@ -100,6 +111,16 @@ def test_a_planted_mistake_is_named_alone(name):
 def test_units_are_named_without_an_accelerometer_too(name):
     data, said = PLANTED[name]
     assert any(said in sentence for sentence in doubts(without_a_y(data), wheelbase=LENGTH))
+
+
+def test_steering_ratio_and_gain_come_with_their_range():
+    """A share of 0.067 is that of a ratio of 15, or of less where understeer takes up to half of the angle."""
+    said = doubts(changed("delta", lambda d: 15 * d), wheelbase=LENGTH)[0]
+    low, high = map(float, re.search(r"ratio, about \d+ \((\d+) to (\d+), as understeer", said).groups())
+    assert low < 8 < 15 <= high < 20
+    said = doubts(without_a_y(changed("delta", lambda d: 5 * d)), wheelbase=LENGTH)[0]
+    low, high = map(float, re.search(r"steering_gain, about 0\.\d+ \((0\.\d+) to (0\.\d+), as", said).groups())
+    assert 0.15 < low <= 0.2 < 0.38 < high < 0.6
 
 
 @pytest.mark.parametrize("speed", [9.0, 14.0, 19.0, 25.0, 35.0])
@@ -148,6 +169,13 @@ def test_a_coarse_yaw_rate_is_not_stuck_but_one_that_goes_on_with_a_leap_is(step
     assert any(
         "r is stuck" in s for s in doubts(changed("r", lambda r: stuck(step * np.round(r / step))), wheelbase=LENGTH)
     )
+
+
+def test_a_small_car_s_late_yaw_rate_is_not_swapped():
+    """Its v_y, that of a place far ahead of the rear axle, follows the steering better than what is 0.3 s late."""
+    data = clean().with_channel("r", np.roll(clean()["r"], 15), "rad/s")
+    data = data.with_channel("v_y", 0.1 * clean()["r"], "m/s")
+    assert not any("swapped" in said for said in doubts(data, wheelbase=LENGTH))
 
 
 def test_swapped_channels_are_named_where_v_y_moves_against_the_turn_too():

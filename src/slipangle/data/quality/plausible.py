@@ -8,16 +8,16 @@ import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.inspect import resting, runs
+from slipangle.data.quality.inspect import runs
 from slipangle.data.quality.spins import spinning
+from slipangle.data.quality.stuck import low_pass, stuck
 
-_SLOW = 0.7  # Hz, below which a car nearly follows its steering
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
 # told, and what explains it.
 _SHARES = (
     (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
-    (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
-    (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain:.2g}"),
+    (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio}"),
+    (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain}"),
     (15.0, 120.0, "{wrong}"),
 )
 _IN_DEGREES = "r is logged in deg/s: declare its unit as deg/s"
@@ -26,13 +26,11 @@ _CERTAIN = 2.0  # standard errors of a share, within which it has to stay where 
 _SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
-_STUCK, _LATE = 1.0, 0.15  # s
-_DEAD = 10.0  # s at the end of a drive, for which a speed is not the same by chance
-_COARSE = 1.5  # steps of a resolution, fewer than which are one
-_LEAP = 3.0  # usual steps of a speed, with more of which it goes on after it was stuck
+_LATE = 0.15  # s
 _SIDEWAYS = 15.0  # m/s2 of v_x r, from which r is not in rad/s
 _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
+_FOLLOWS, _MORE = 0.75, 0.1  # that correlation of v_y, and by how much it is beyond r's, from which they are swapped
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
@@ -58,15 +56,17 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         return (
             "v_x is hardly ever above zero: it has the wrong sign, or the car stands or reverses; forward is positive",
         )
-    stuck = _stuck(data)
+    held = stuck(data)
     said = [
         f"{name} is stuck at one value for {max(b - a - 1 for a, b in rows) * data.dt:.2g} s while the car "
         f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
-        for name, rows in stuck.items()
+        for name, rows in held.items()
     ]
-    fast, smooth, drives = _smoothed(_without(data, stuck, wheelbase), [n for n in data.names if n in _CHANNELS])
+    fast, smooth, drives = _smoothed(_without(data, held, wheelbase), [n for n in data.names if n in _CHANNELS])
     if not fast:
         return tuple(said)
+    if _swapped(smooth, wheelbase, drives):
+        return (*said, "v_y moves as r should, with delta, and r as v_y: r and v_y are swapped; check their columns")
     cornering, about_r = _cornering(fast, smooth, wheelbase)
     said += cornering
     rear = _rear(smooth)
@@ -86,7 +86,7 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
     0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
     """
     names = [n for n in ("delta", "v_x", "r", "delta_r") if n in data.names]
-    parts, smooth, drives = _smoothed(_without(data, _stuck(data), wheelbase), names)
+    parts, smooth, drives = _smoothed(_without(data, stuck(data), wheelbase), names)
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
     gain, agree, _, _ = _asked(smooth, wheelbase, drives)
@@ -96,10 +96,10 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
 
 
-def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]], wheelbase: float) -> list[Dataset]:
+def _without(data: Dataset, held: dict[str, list[tuple[int, int]]], wheelbase: float) -> list[Dataset]:
     """The experiments cut where a sensor is stuck, and where the car spins."""
     bad = spinning(data, wheelbase)
-    for a, b in (rows for each in stuck.values() for rows in each):
+    for a, b in (rows for each in held.values() for rows in each):
         bad[a:b] = True
     return [data.rows(a, b) for a, b in runs(data, ~bad)]
 
@@ -109,12 +109,8 @@ def _smoothed(
 ) -> tuple[list[Dataset], dict[str, np.ndarray], np.ndarray]:
     """The drives that last long enough, their channels without what is fast, and the drive of each sample."""
     fast = [part for part in parts if part.n_samples * part.dt > _SHORT_DRIVE]
-    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in names} if fast else {}
+    smooth = {n: np.concatenate([low_pass(p[n], p.dt) for p in fast]) for n in names} if fast else {}
     return fast, smooth, np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
-
-
-def _low_pass(x: np.ndarray, dt: float) -> np.ndarray:
-    return signal.sosfiltfilt(signal.butter(2, min(2 * dt * _SLOW, 0.9), output="sos"), x)
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -146,6 +142,8 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
         return [f"r comes {late:.2f} s behind a_y: it is logged late; shift it, or take another sensor"], True
     if agree < 0.7:
         return [], False
+    if 1.9 < 1 / slope <= 2.6:
+        return [f"a_y is {slope:.2g} of v_x r: v_x is logged in mph; declare its unit as mph"], True
     if 2.6 < 1 / slope < 4.6:
         return [f"a_y is {slope:.2g} of v_x r: v_x is logged in km/h; declare its unit as km/h"], True
     if 30 < 1 / slope < 110:
@@ -192,10 +190,22 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     wrong = _IN_DEGREES if turns else _IN_RADIANS
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta: "
-        f"{words.format(ratio=1 / gain, gain=gain, speed=speed, wrong=wrong)}"
+        f"{words.format(**_at_most_twice(gain, 1 + sure / gain), speed=speed, wrong=wrong)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "command" not in words)
     ]
+
+
+def _at_most_twice(gain: float, room: float) -> dict[str, str]:
+    """Steering ratio and gain in words, with their ranges: of a share that is half of the truth to all of it.
+
+    ``room`` is the factor either way by which the share is sure.
+    """
+    low, high = gain / room, 2 * gain * room
+    return {
+        "ratio": f"{1 / gain:.0f} ({1 / high:.0f} to {1 / low:.0f}, as understeer may be in it)",
+        "gain": f"{gain:.2g} ({low:.2g} to {high:.2g}, as understeer may be in it)",
+    }
 
 
 def _rear(smooth: dict[str, np.ndarray]) -> list[str]:
@@ -299,13 +309,10 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
 
     In other cornering its own rate, and that of r, add to the force on the rear axle.
     """
-    v, r = smooth["v_x"], smooth["r"]
+    v = smooth["v_x"]
     if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
         return []
-    columns = r, -r * v * v, v * _rate(r, drives), -v * _rate(smooth["v_y"], drives), smooth["v_y"]
-    squares = _blocks(np.column_stack([_inside(column, drives) for column in columns]), drives)
-    whole = squares.sum(axis=0)
-    told = np.linalg.lstsq(whole[:2, :2], whole[:2, -1], rcond=1e-12)[0] @ whole[:2, -1] / max(whole[-1, -1], 1e-300)
+    squares, told = _slips(smooth, drives)
     if told < _TIED:
         return []
     (arm, sure), (softness, certain) = (_coefficient(squares, k) for k in range(2))
@@ -320,53 +327,21 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     return []
 
 
-def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
-    """Rows (start, stop) over which a sensor stays at one value while the car is steered, by channel."""
-    found, steers, fastest = {}, 0.2 * np.std(data["delta"]), 0.3 * np.max(data["v_x"])
-    experiments = set(zip(data.starts, data.stops, strict=True))
-    swings = 1.5 * np.std(data["r"] / np.maximum(data["v_x"], fastest))
-    held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0]
-    found |= {"delta": held} if held else {}
-    for name in ("r", "v_y", "a_y", "v_x"):
-        if name not in data or np.ptp(data[name]) == 0:
-            continue
-        leap, driven = _leap(data[name], name), experiments if name == "v_x" else set()  # at one speed
-        rows = [
-            (a, b)
-            for a, b in resting(data, name)
-            if (b - a - 1) * data.dt > _STUCK
-            and (a, b) not in driven
-            and _leaps(data, name, a, b, leap)
-            and np.ptp(data["delta"][a:b]) > steers
-            and np.max(data["v_x"][a:b]) > fastest
-        ]
-        found |= {name: rows} if rows else {}
-    return found
+def _slips(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[np.ndarray, float]:
+    """Products of what v_y is made of, and of v_y, in blocks, see `_sideways`; the share that steady driving tells."""
+    v, r = smooth["v_x"], smooth["r"]
+    columns = r, -r * v * v, v * _rate(r, drives), -v * _rate(smooth["v_y"], drives), smooth["v_y"]
+    squares = _blocks(np.column_stack([_inside(column, drives) for column in columns]), drives)
+    whole = squares.sum(axis=0)
+    found = np.linalg.lstsq(whole[:2, :2], whole[:2, -1], rcond=1e-12)[0]
+    return squares, float(found @ whole[:2, -1] / max(whole[-1, -1], 1e-300))
 
 
-def _leap(x: np.ndarray, name: str) -> float:
-    """How far a sensor goes on at least after it was stuck, as the steps of its resolution are passed without; 0: any.
-
-    Of a speed, which moves slowly, it is more than usual; of another channel, more than the one step of a coarse one.
-    """
-    steps = np.abs(np.diff(x))
-    steps = steps[steps > 0]
-    usual, finest = float(np.median(steps)), float(np.quantile(steps, 0.01))
-    if name == "v_x":
-        return _LEAP * usual
-    return _COARSE * finest if usual < _COARSE * finest else 0.0
-
-
-def _leaps(data: Dataset, name: str, a: int, b: int, leap: float) -> bool:
-    """Whether a channel goes on, after rows at one value, with more than a step of its resolution, or never does."""
-    if b in data.stops:
-        return leap == 0.0 or (b - a) * data.dt > _DEAD
-    return float(np.abs(data[name][b] - data[name][b - 1])) > leap
-
-
-def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:
-    """By how much r / v_x moves while the steering stays, once it has been answered; fast noise left out. [1/m]"""
-    a += round(_STUCK / data.dt)
-    if (b - a) * data.dt < _STUCK or np.min(data["v_x"][a:b]) < slowest:
-        return 0.0
-    return float(np.ptp(_low_pass(data["r"][a:b] / data["v_x"][a:b], data.dt)))
+def _swapped(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> bool:
+    """Whether v_y follows delta as r should, more and by more than r, either way, and r is what v_y is beside it."""
+    if "v_y" not in smooth or "delta_r" in smooth:  # a wrong one of which would hide how r follows delta
+        return False
+    back = smooth | {"r": smooth["v_y"], "v_y": smooth["r"]}
+    (small, here), (large, there) = (_asked(each, wheelbase, drives)[:2] for each in (smooth, back))
+    follows = there > max(_FOLLOWS, abs(here) + _MORE) and large > abs(small)
+    return follows and _slips(back, drives)[1] > _TIED
