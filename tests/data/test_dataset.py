@@ -69,10 +69,28 @@ def test_split_too_short():
         make(4).split(0.9)
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (["a", "b"], "holds 'a'"),
+        ([1j, 2], "holds 1j"),
+        (np.zeros((2, 3)), r"has the shape \(2, 3\)"),
+        (3.0, r"has the shape \(\)"),
+        ([[1], [1, 2]], r"holds \[1\]"),
+    ],
+)
+def test_a_channel_that_is_no_row_of_numbers_is_refused(values, said):
+    with pytest.raises(errors.ParameterError, match=rf"channel 'u' {said}; expected one real number a sample"):
+        Dataset.from_arrays({"u": values}, {"y": [1.0, 2.0]}, 0.1)
+
+
 def test_other_bad_requests():
     data = make()
     with pytest.raises(errors.TooShortError, match="rows 50 to 50 "):
         data.rows(50, 50)
+    for start, stop in ((-5, 10), (0, 5000), (-500, 100)):
+        with pytest.raises(errors.TooShortError, match=rf"rows {start} to {stop} .* not all in the record; .* <= 100"):
+            data.rows(start, stop)
     with pytest.raises(errors.SampleTimeError, match=r"sampled at 0\.01 s, the model works at 0\.05 s; .*resample"):
         data.require_dt(0.05)
     data.require_dt(0.01 * (1 + 1e-9))

@@ -128,19 +128,20 @@ class Dataset(InFrames, Shown):
     ) -> Self:
         """One experiment from one array per channel, shape (n_samples,), already in SI units.
 
-        ``extra`` are channels that are neither input nor output. Raises ParameterError if lengths differ.
+        ``extra`` are channels that are neither input nor output. Raises ParameterError if lengths differ, or a channel
+        is no row of real numbers.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
         (5, (5, 1))
         """
-        columns = {**inputs, **outputs, **(extra or {})}
-        lengths = {len(np.asarray(c)) for c in columns.values()}
+        columns = {n: _numbers(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
+        lengths = {len(c) for c in columns.values()}
         if len(lengths) > 1:
             raise ParameterError(f"channels have lengths {sorted(lengths)}; expected one length: cut them alike")
         known = units or {}
         return cls(
-            values=np.column_stack([np.asarray(c, dtype=float) for c in columns.values()]),
+            values=np.column_stack(list(columns.values())),
             channels=tuple(Channel(n, known.get(n, "-")) for n in columns),
             dt=dt,
             inputs=tuple(inputs),
@@ -293,13 +294,13 @@ class Dataset(InFrames, Shown):
     def rows(self, start: int, stop: int) -> Self:
         """Samples ``start`` to ``stop`` (exclusive); experiment borders inside stay borders.
 
-        Raises TooShortError if there is none among them.
+        Raises TooShortError if there is none among them, or the record does not have them all.
         """
-        start, stop = max(start, 0), min(stop, self.n_samples)
-        if stop <= start:
+        if not 0 <= start < stop <= self.n_samples:
+            what = "hold no sample" if stop <= start else "are not all in the record"
             raise TooShortError(
-                f"rows {start} to {stop} of '{self.name}' hold no sample; expected "
-                f"0 <= start < stop <= {self.n_samples}"
+                f"rows {start} to {stop} of '{self.name}' {what}; expected 0 <= start < stop <= {self.n_samples}: "
+                "count from its first sample, and at most to n_samples"
             )
         parts = [
             (max(a, start), min(b, stop), t0 + (max(a, start) - a) * self.dt)
@@ -420,6 +421,20 @@ class Dataset(InFrames, Shown):
                 f"'{self.name}' is sampled at {self.dt:g} s, {who} works at {dt:g} s; expected the same: "
                 f"use data.resample({dt:g})"
             )
+
+
+def _numbers(name: str, values: object) -> np.ndarray:
+    """Of a channel, shape (n_samples,); raises ParameterError if they are none."""
+    try:
+        array = np.asarray(values)
+        found = array.astype(float) if not np.iscomplexobj(array) else None
+    except (TypeError, ValueError):
+        found = None
+    if found is not None and found.ndim and found.size == len(found):
+        return found.reshape(-1)
+    kinds = np.array(values, dtype=object)
+    what = f"holds {kinds.flat[0]!r}" if found is None and kinds.size else f"has the shape {kinds.shape}"
+    raise ParameterError(f"channel '{name}' {what}; expected one real number a sample: an array of shape (n_samples,)")
 
 
 def join(*parts: Dataset, name: str | None = None) -> Dataset:

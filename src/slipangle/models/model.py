@@ -462,14 +462,14 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
         """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead.
 
-        Raises ParameterError if ``steps`` is below 1; else it raises and warns as `simulate` does.
+        Raises ParameterError if ``steps`` is no whole number from 1 on; else it raises and warns as `simulate` does.
         """
         return _announced(self._predict(data, steps))
 
     def _predict(self, data: Dataset, steps: int = 1) -> Trajectory:
         """`predict` for those who look at what it says by themselves."""
-        if steps < 1:
-            raise ParameterError(f"steps is {steps}; expected a whole number of at least 1")
+        if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
+            raise ParameterError(f"steps is {steps!r}; expected a whole number of at least 1: 1 is one sample ahead")
         self.check(data)
         data = data.select(inputs=self.inputs, outputs=self.outputs)
         kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"

@@ -59,7 +59,7 @@ def _first(data: Dataset, seconds: float, wheelbase: float) -> Dataset:
     for run in driven(data, wheelbase, least):
         room = wanted - sum(piece.n_samples for piece in kept)
         if room >= least or (room > 0 and not kept):
-            kept.append(run.rows(0, room))
+            kept.append(run.rows(0, min(room, run.n_samples)))
     if not kept:
         raise TooShortError(
             f"'{data.name}' has no stretch of {least * data.dt:.3g} s above {SLOWEST * wheelbase:.2g} m/s; expected "

@@ -72,7 +72,7 @@ def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> n
     Raises SimulationError if the free run from the model's own initial state is not finite.
     """
     m = model.memory
-    part = data.select(inputs=model.inputs, outputs=model.outputs).rows(0, m + LONGEST)
+    part = data.select(inputs=model.inputs, outputs=model.outputs).rows(0, min(m + LONGEST, data.n_samples))
     model.simulate(part)  # raises where there is nothing to improve
     spread = part.y.std(axis=0)
     spread[spread == 0] = 1.0

@@ -71,7 +71,11 @@ def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
         raise ParameterError(
             f"restarts every {seconds:g} s, a sample lasts {data.dt:g} s; expected at least one sample"
         )
-    parts = [part.rows(a - memory, a + n) for part in data.experiments for a in range(memory, part.n_samples, n)]
+    parts = [
+        part.rows(a - memory, min(a + n, part.n_samples))
+        for part in data.experiments
+        for a in range(memory, part.n_samples, n)
+    ]
     if not parts:
         raise TooShortError(
             f"no experiment of '{data.name}' is longer than the {memory} samples a free run starts from; record longer"
