@@ -205,3 +205,12 @@ unit = "ns"
     np.testing.assert_allclose(data["delta"], whole["delta"][rows], atol=2e-5)
     np.testing.assert_allclose(data["v_x"], whole["v_x"][rows], atol=1e-3)
     np.testing.assert_allclose(data["r"], whole["r"][rows], atol=1e-4)
+
+
+def test_a_job_without_outputs_is_told_so(drives, capsys):
+    path = job(drives)
+    text = path.read_text()
+    assert "outputs = " in text
+    path.write_text(re.sub(r"^outputs = .*$", "", text, flags=re.M))
+    assert main(["identify", str(path)]) == 2
+    assert "names outputs; expected the channels to be explained: add such as outputs" in sentence(capsys)

@@ -14,8 +14,10 @@ from slipangle.data.quality.inspect import DataReport
 from slipangle.errors import (
     ConfigError,
     IdentifiabilityWarning,
+    MissingColumnError,
     MissingExtraError,
     ModelWarning,
+    ParameterError,
     SimulationError,
     SlipangleError,
 )
@@ -209,7 +211,15 @@ def identify(wanted: ModelSettings, logs: Logs, others: Mapping[str, Model] | No
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
         warnings.simplefilter("ignore", ModelWarning)
         channels = (wanted.inputs, wanted.outputs)
-        return fitted(KINDS[wanted.kind], wanted.entries, *channels, logs.train, wanted.name, others, logs.others)
+        try:
+            return fitted(KINDS[wanted.kind], wanted.entries, *channels, logs.train, wanted.name, others, logs.others)
+        except (MissingColumnError, ParameterError):
+            if wanted.outputs or logs.train.outputs:
+                raise
+            raise ConfigError(
+                f"neither [data] nor model '{wanted.name}' names outputs; expected the channels to be explained: add "
+                'such as outputs = ["r"] to [data]'
+            ) from None
 
 
 def identify_named(settings: Settings, name: str, logs: Logs) -> Model:
