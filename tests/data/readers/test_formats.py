@@ -263,6 +263,15 @@ def test_a_silent_topic_is_a_gap(tmp_path):
     np.testing.assert_allclose(data["v_x"], 20 + np.sin(data.t), atol=1e-3)
 
 
+def test_single_empty_cells_that_merging_fills_are_told(tmp_path):
+    rows = [f"{0.01 * k:.2f},{k / 100},{'' if k in (7, 30) else k / 200},{k if k % 5 == 0 else ''}" for k in range(100)]
+    path = tmp_path / "cells.csv"
+    path.write_text("t,r,delta,v_x\n" + "\n".join(rows))
+    data = sa.read(path, nan="merge")
+    assert "single cells without a number, filled in linearly: 2 of delta" in data.notes
+    np.testing.assert_allclose(data["delta"], data["r"] / 2)
+
+
 @pytest.mark.parametrize("write", [write_mat5, write_mat73])
 def test_names_and_units_beside_the_numbers_of_a_matlab_file_are_theirs(write, tmp_path):
     log = open_log(write(tmp_path / "x.mat", labelled(MADE)))

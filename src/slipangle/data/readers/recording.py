@@ -263,7 +263,7 @@ def _merged(
         named.setdefault(_full(recording, topic, i), (topic, i))
     clocks, said = _clocks(recording, [topic for topic, _ in named.values()], time)
     series = {key: _series(recording, place, clocks[place[0]]) for key, place in named.items()}
-    said += _unwrap(series, named, places, wanted)
+    said += [*_filled(recording, named, clocks), *_unwrap(series, named, places, wanted)]
     first = max((s.t[0], k) for k, s in series.items())
     last = min((s.t[-1], k) for k, s in series.items())
     step = min(s.dt for s in series.values())
@@ -291,6 +291,18 @@ def _merged(
     at = {place: i + 1 for i, place in enumerate(named.values())}
     table = ArrayTable(name=f"'{recording.name}'", headers=headers, values=values)
     return table, {n: at[place] for n, place in places.items()}, said
+
+
+def _filled(recording: Recording, named: Mapping[str, tuple[str, int]], clocks: Mapping[str, np.ndarray]) -> list[str]:
+    """A note on single cells without a number, of columns that have one in nearly every row; `_onto` fills them in."""
+    found: dict[str, int] = {}
+    for key, (topic, i) in named.items():
+        rows = np.flatnonzero(np.isfinite(recording.tables[topic].numbers(i)) & np.isfinite(clocks[topic]))
+        apart = np.diff(rows)
+        if np.any(apart > 1) and np.median(apart) == 1:
+            found[key] = int(np.sum(apart == 2))
+    told = [f"{count} of {key}" for key, count in found.items() if count]
+    return [f"single cells without a number, filled in linearly: {', '.join(told[:8])}"] if told else []
 
 
 def _unwrap(
