@@ -10,6 +10,7 @@ from scipy import interpolate, signal
 from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
 
 JITTER, GAP = 0.2, 1.5  # variation of a step, as a share of it, that is put up with unasked; steps of a gap
+_DAY, _NIGHT = 86400.0, 600.0  # s of a day, and between two rows at most where times of day begin anew at midnight
 _LOST = 2.5  # steps of a gap in which more than one sample was lost
 _MOST_LOST = 0.1  # share of steps up to which they are such and not another rate
 _FEW = 2  # of five steps in a row: more of them are another rate
@@ -268,3 +269,20 @@ def at_rate(x: np.ndarray, dt: float, new: float, corner: float | None) -> np.nd
         return x[np.minimum(row, len(x) - 1)]
     order = 3 if corner is not None and len(x) > 3 else 1
     return interpolate.make_interp_spline(np.arange(len(x)), x, k=order, axis=0)(position)
+
+
+def past_midnight(t: np.ndarray, said: list[str]) -> np.ndarray:
+    """Times of day [s] that go on over midnight where all that goes back is by nearly a day; ``said`` gets a note.
+
+    >>> past_midnight(np.array([86399.5, 86399.9, 0.3]), []).tolist()
+    [86399.5, 86399.9, 86400.3]
+    """
+    known = np.flatnonzero(np.isfinite(t))
+    steps = np.diff(t[known])
+    back = steps < 0
+    if not back.any() or t[known].max() >= _DAY or np.any(steps[back] + _DAY > _NIGHT):
+        return t
+    said.append("the times of day pass midnight and go on from there")
+    later = np.array(t)
+    later[known[1:]] += _DAY * np.cumsum(back)
+    return later

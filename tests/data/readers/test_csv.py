@@ -625,3 +625,18 @@ def test_a_damaged_date_is_named(log):
     stamps[7] = "2026-13-01T14:00:00.070Z"
     with pytest.raises(errors.FormatError, match=r"line 9, column 't' holds '2026-13-.*; expected a date and time"):
         read_csv(log("t,r\n" + "\n".join(f"{s},{k}" for k, s in enumerate(stamps))))
+
+
+@pytest.mark.parametrize("date", ["", "2024-04-03;"])
+def test_times_of_day_go_on_over_midnight(tmp_path, date):
+    clock = [f"23:59:{58 + k / 10:06.3f}" if k < 20 else f"00:00:{k / 10 - 2:06.3f}" for k in range(40)]
+    rows = [f"{date}{t};{k / 10}" for k, t in enumerate(clock)]
+    path = tmp_path / "night.csv"
+    path.write_text(("date;" if date else "") + "time;r\n" + "\n".join(rows))
+    data = read(path, {"r": "r"})
+    assert data.dt == pytest.approx(0.1)
+    assert "the times of day pass midnight and go on from there" in data.notes
+    assert data["r"] == pytest.approx(0.1 * np.arange(40))
+    path.write_text(("date;" if date else "") + "time;r\n" + "\n".join([*rows, *rows[25:]]))
+    with pytest.raises(errors.TimeError, match="goes back"):
+        read(path, {"r": "r"})

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
-from slipangle.data.clock import JITTER, find_grid, lost
+from slipangle.data.clock import JITTER, find_grid, lost, past_midnight
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.headings import continued, wrap_note
@@ -138,11 +138,11 @@ def time_of(
     i = find_column(table, column.source, "t")
     header = table.headers[i]
     what = f"the time column '{header.name}' of {table.name}"
-    dated = header.unit == DATE
-    unit = "s" if dated else column.unit or header.unit or "s"
+    unit = "s" if (dated := header.unit == DATE) else column.unit or header.unit or "s"
     t = column.converted(table.numbers(i), unit, "s", what)
     if not (column.unit or header.unit or dt):
         said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
+    t = past_midnight(t, said) if dated else t
     if not epoch and len(t) and _EPOCH < t[0] < np.inf:
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
