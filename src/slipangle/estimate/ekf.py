@@ -13,7 +13,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.filter import parametrised
-from slipangle.estimate.recursive import FilterRun as FilterRun
+from slipangle.estimate.filter_run import FilterRun as FilterRun
 from slipangle.estimate.recursive import RecursiveVehicle
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
@@ -112,6 +112,17 @@ class EKF(Checked, Generic[M]):
         if info is not None and name in inner.outputs and len(info.noise_std) == inner.n_outputs:
             return float(info.noise_std[inner.outputs.index(name)])
         return POSE_STD.get(name, 0.0)
+
+    @property
+    def begun(self) -> dict[str, int]:
+        """Outputs that are a state as it stands and, once it began at one, are used up; the number of each one's state.
+
+        Its standard deviation is then the output's noise: to take the same measurement in again would halve the
+        variance. Those whose `state_std` is given, or whose sensor has an offset, are not among them.
+        """
+        plain = [n.removeprefix("base ").removesuffix("[k]") for n in self.start.states]
+        at = {name: plain.index(name) for name in self.start.outputs if name in plain and name not in self.bias_std}
+        return {name: i for name, i in at.items() if self.start.states[i] not in self.state_std}
 
     @property
     def model(self) -> M:

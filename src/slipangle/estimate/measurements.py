@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -113,9 +113,9 @@ class Intake:
         self.u = np.zeros(len(inputs))
         self._last = np.full(len(outputs), np.nan)
 
-    def restart(self, measured: Mapping[str, float]) -> None:
-        """Take ``measured`` for what was read last, NaN for no reading."""
-        self._last[:] = np.nan
+    def restart(self, measured: Mapping[str, float], used: Iterable[str] = ()) -> None:
+        """Begin anew with the inputs ``measured``; outputs that are ``used`` up by the start count as read."""
+        self._last[:] = [measured.get(name, np.nan) if name in used else np.nan for name in self.outputs]
         for j, name in enumerate(self.inputs):
             value = measured.get(name, 0.0)
             self.u[j] = value if np.isfinite(value) else 0.0

@@ -1,58 +1,24 @@
-"""`RecursiveVehicle`: an extended Kalman filter at work, one sample at a time, and what came out of a record."""
+"""`RecursiveVehicle`: an extended Kalman filter at work, one sample at a time."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import NotFiniteError, ParameterError, SimulationError, nearest
+from slipangle.errors import NotFiniteError, ParameterError, SimulationError
 from slipangle.estimate.filter import Scales, filter_step, fitted, parametrised, varied
+from slipangle.estimate.filter_run import FilterRun
 from slipangle.estimate.measurements import Gates, Intake, Late, Row, by_name, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
 from slipangle.models.repeated import as_one
 from slipangle.optimal.terms import require_names
-
-
-@dataclass(frozen=True)
-class FilterRun:
-    """How a filter went over a record: time [s], shape (n_samples,), and a row per sample, a column per name.
-
-    States and parameters (SI units) are those after each sample, with their standard deviations. The error is the
-    measured minus predicted output before the sample was taken in, with its standard deviation; NaN where the output
-    was not measured. `taken` says which outputs were measured and no outliers; `biases` are the offsets of the sensors
-    that `biased` names.
-    """
-
-    t: np.ndarray
-    state_names: tuple[str, ...]
-    states: np.ndarray  # after each sample, shape (n_samples, n_states), SI units
-    states_std: np.ndarray  # of those
-    free: tuple[str, ...]  # names of the parameters that are estimated
-    parameters: np.ndarray  # after each sample, shape (n_samples, n_free), SI units
-    parameters_std: np.ndarray  # of those
-    outputs: tuple[str, ...]
-    error: np.ndarray  # measured minus predicted, shape (n_samples, n_outputs)
-    error_std: np.ndarray  # of those
-    taken: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
-    biased: tuple[str, ...] = ()
-    biases: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    biases_std: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # of the biases
-
-    def parameter(self, name: str) -> np.ndarray:
-        """One parameter over time, shape (n_samples,), in its SI unit.
-
-        Raises ParameterError if it was not free.
-        """
-        if name not in self.free:
-            raise ParameterError(f"'{name}' was not free; {nearest(name, self.free)}: use one of these")
-        return self.parameters[:, self.free.index(name)]
 
 
 class RecursiveVehicle:
@@ -118,13 +84,13 @@ class RecursiveVehicle:
     def begin(self, measured: Mapping[str, float]) -> None:
         """Restart where channels by name say what the state is about, see `slipangle.estimate.measurements.by_name`."""
         self.restart(by_name(self.settings.start, measured))
-        self._intake.restart(measured)
+        self._intake.restart(measured, self.settings.begun)
 
     def take(self, measured: Mapping[str, float]) -> np.ndarray:
         """`update` with channels by name, as a loop has them; the state then, shape (n_states,).
 
         An output that is missing, not finite, or exactly what it was before (an instrument that holds its sample) is
-        not measured now; an input that is missing or not finite stays as it was.
+        not measured now, as is one that `begin` began a state at; an input that is missing or not finite stays.
         """
         self.update(*self._intake(measured))
         return self.state
@@ -264,12 +230,16 @@ class RecursiveVehicle:
         model = self.settings.start
         data.require_dt(model.dt)
         rows = self._rows_of(data, measured or {})
-        n, nx, nq, ny = data.n_samples, self._nx, self._nq, model.n_outputs
+        n, nx, nq, ny, begun = data.n_samples, self._nx, self._nq, model.n_outputs, self.settings.begun
         states, parameters, errors = np.empty((2, n, nx)), np.empty((2, n, nq)), np.empty((2, n, ny))
         taken, biases = np.zeros((n, ny), dtype=bool), np.empty((2, n, self._n - nx - nq))
         for part, start in zip(data.experiments, data.starts, strict=True):
             u = part.columns(model.inputs)
-            self.restart(model.initial_state(part.head(model.memory)))
+            self.restart(x0 := model.initial_state(part.head(model.memory)))
+            used = [
+                i for i, name in enumerate(model.outputs) if rows[start, i] == x0[begun.get(name, 0)] and name in begun
+            ]
+            rows[start, used] = np.nan  # the state began there
             for k in range(part.n_samples):
                 errors[0, start + k] = self.update(rows[start + k], u[k])
                 errors[1, start + k] = np.sqrt(self._variance)
@@ -277,6 +247,7 @@ class RecursiveVehicle:
                 parameters[0, start + k], parameters[1, start + k] = self.parameters, self.parameters_std
                 biases[0, start + k], biases[1, start + k] = self.biases, self.biases_std
                 taken[start + k] = self._taken > 0
+            taken[start, used] = True
         (x, x_std), (p, p_std), (e, e_std) = states, parameters, errors
         free, outputs, biased = self.settings.free, model.outputs, tuple(self.settings.bias_std)
         run = FilterRun(data.t, model.states, x, x_std, free, p, p_std, outputs, e, e_std)

@@ -140,6 +140,7 @@ def _of_model(driver: Driver) -> list[str]:
         "MOTION": at(POSE, model.states),
         "POSE_OF_OUTPUT": pose,
         "SAME_INPUT": at(model.outputs, model.inputs),
+        "BEGUN": [driver.estimator.begun.get(n, -1) for n in model.outputs],
         "PUSHES": [*driver._targets.disturbances, *driver._targets.measured],
     }
     late = [driver.estimator.late.get(n, 0.0) for n in model.outputs]

@@ -113,7 +113,7 @@ static void start_filter(Driver *d)
     }
     filter_begin(&d->filter, x);
     for (int i = 0; i < NY; i++)
-        d->read[i] = NAN;
+        d->read[i] = BEGUN[i] >= 0 ? x[BEGUN[i]] : NAN; /* what a state began at is not taken in again */
     d->tracking = 1, d->planned = 0, d->s = NAN;
 }
 
