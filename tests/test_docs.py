@@ -210,7 +210,10 @@ WARNS = {
     ),
     "identify/stability.py": (
         1,
-        ("the model is unstable: it has a pole of modulus", "do not tell the effect of", "is coloured ("),
+        (
+            *("the model is unstable: it has a pole of modulus", "do not tell the effect of", "is coloured ("),
+            "the data have a level that a model without a constant cannot hold",
+        ),
     ),
     "identify/tires/curves.py": (1, ("the data do not determine", "the fit stopped at its budget")),
     "identify/tires/magic_formula.py": (

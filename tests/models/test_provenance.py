@@ -15,6 +15,7 @@ from slipangle.models.provenance import WINDOW, fingerprint, overlap
 from slipangle.models.storage import load, save
 from slipangle.models.wrappers.ensemble import EnsembleModel
 
+pytestmark = pytest.mark.filterwarnings("ignore:the data have a level")  # of a square
 DT = 0.02
 
 

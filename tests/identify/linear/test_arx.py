@@ -70,6 +70,7 @@ def test_block_qr_is_the_gram_matrix_root():
     assert np.tril(r, -1) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:the data have a level")  # which is part of what is compared
 @pytest.mark.parametrize("force_qr", [False, True], ids=["gram", "qr"])
 @pytest.mark.parametrize("offset", [False, True])
 @pytest.mark.parametrize(
@@ -149,6 +150,7 @@ def test_large_mean_costs_no_digits():
     assert model.c[0] == pytest.approx(5e5 * 0.2 - 0.5e6, abs=600 * 3)
 
 
+@pytest.mark.filterwarnings("ignore:the data have a level")  # which is part of what is compared
 def test_experiments_are_not_joined():
     a, b = record(200, seed=1), record(150, seed=2)
     both = ARX(na=2, nb=2).fit(join(a, b))

@@ -10,11 +10,13 @@ from typing import Any, ClassVar, Generic, TypeVar
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Checked
 from slipangle.identify.excitation import nearly_dependent, require_independent
+from slipangle.identify.linear.levels import level_said
 from slipangle.identify.stability import announced, breakdown_said, judged, noted
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=Model)
+_CONSTANTS = (("offset", "True"), ("offsets", "'output'"))  # settings by which an estimator takes levels in
 _ROUNDING = 1e-14  # of an input's variance: what rounding leaves of one that is a combination of others
 
 
@@ -30,14 +32,22 @@ class LinearEstimator(Checked, abc.ABC, Generic[M]):
         ParameterError if the settings do not suit the data, or no order could be fitted, and SimulationError if the fit
         diverged.
 
-        Warns with IdentifiabilityWarning if two inputs correlate by 0.99 or more, or the fit stopped at its
-        limit of steps, and ModelWarning if a free run of the model would blow up, or the poles had to be held back.
+        Warns with IdentifiabilityWarning if two inputs correlate by 0.99 or more, the data have a level that the
+        settings leave no place for, or the fit stopped at its limit of steps, and ModelWarning if a free run of the
+        model would blow up, or the poles had to be held back.
         """
         with breakdown_said(self._what, data):
-            offset = bool(getattr(self, "offset", getattr(self, "offsets", "none") != "none"))
+            offset = self._has_constant
             require_independent(data, offset=offset, least=_ROUNDING)
             model = noted(judged(self._fit(data), data), *nearly_dependent(data, offset=offset))
+            fix = next((f"{n}={v}" for n, v in _CONSTANTS if hasattr(self, n)), "")
+            model = model if offset or not fix else noted(model, level_said(data, fix))
             return noted(announced(model), *self._remarks(model, data))
+
+    @property
+    def _has_constant(self) -> bool:
+        """Whether the model has levels at rest."""
+        return bool(getattr(self, "offset", getattr(self, "offsets", "none") != "none"))
 
     def _remarks(self, model: M, data: Dataset) -> tuple[str, ...]:
         """What else the fit says, in the model's ``fit_info`` only, as it is this estimator's way."""

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
@@ -82,6 +84,10 @@ class PEM(ScaledEstimator):
                 f"weights are {self.weights}; expected {self.start.n_outputs} positive numbers, the typical error of "
                 f"each of {', '.join(self.start.outputs)}"
             )
+
+    @property
+    def _has_constant(self) -> bool:
+        return self.offsets != "none" or bool(np.any(self.start.y_offset) or np.any(self.start.u_offset))
 
     def _within(self, scales: Scales) -> PEM:
         return replace(self, start=scales.there(self.start), weights=weighed(self.weights, scales))
