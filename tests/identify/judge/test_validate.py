@@ -187,3 +187,12 @@ def test_restarts_predict_every_sample_once(memory):
         restarted(stub, 5.0, memory)
     with pytest.raises(ParameterError, match="at least one sample"):
         restarted(whole, 0.01, memory)
+
+
+@pytest.mark.parametrize("steps", [0, 2.5, True, "two"])
+def test_predictions_go_a_whole_number_of_samples_ahead(steps):
+    model = ARXModel(A=[-0.5], B=[0.5], nk=1, dt=0.1, inputs=("u",), outputs=("x",))
+    data = Dataset.from_arrays({"u": np.ones(9)}, {"x": np.ones(9)}, 0.1)
+    with pytest.raises(ParameterError, match=rf"steps is {steps!r}; expected a whole number of at least 1: 1 is one"):
+        model.predict(data, steps)
+    assert model.predict(data, np.int64(2)).kind == "2-step-ahead"
