@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+import slipangle as sa
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import Reference
+from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Weights
 from tests.optimal.linear import two_masses
 
@@ -132,3 +134,29 @@ def test_many_plans_refuse_names_that_do_not_fit(masses):
         masses.plan_many(x, p=0.3)
     with pytest.raises(ParameterError, match="the setpoint of 'p1'"):
         masses.plan_many(x, p1=[[1.0], [2.0, 3.0], 1.0])
+
+
+def damped(**settings):
+    model = sa.Ode(
+        f=lambda x, u, p: [x[1], u[0] - p.k * x[1]],
+        **{"states": ("s", "v"), "inputs": ("a",), "params": {"k": (1.0, 0.1, 5.0)}, "dt": 0.1},
+    )
+    return sa.MPC(model, horizon=6, controls=("a",), Q={"s": 1.0}, R={"a": 0.1}, **settings)
+
+
+@pytest.mark.parametrize("given", [{"scenarios": Scenarios({"k": (0.01, 9)})}, {"free": {"k": (-1, 10)}}])
+def test_parameters_keep_within_the_range_that_the_model_declares(given):
+    with pytest.raises(ParameterError, match=r"for 'k'; expected values from 0\.1 to 5, the range that the model"):
+        damped(**given)
+
+
+def test_scenarios_of_a_plan_keep_within_the_range_too():
+    controller = damped(scenarios=Scenarios({"k": (0.5, 2)}))
+    with pytest.raises(ParameterError, match=r"scenarios has 0\.5 to 9 for 'k'; expected values from 0\.1 to 5"):
+        controller.plan(np.zeros(2), s=1.0, scenarios={"k": (0.5, 9)})
+
+
+def test_weights_of_another_length_are_named_as_weights():
+    for what, said in (("R", r"R of 'a' has 3 entries; expected a number or 6"), ("Q", r"Q of 's' has 3 entries")):
+        with pytest.raises(ParameterError, match=said):
+            damped().plan(np.zeros(2), s=1.0, **{what: {"a" if what == "R" else "s": [1.0, 2.0, 3.0]}})

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from slipangle.data.race import EARTH
 from slipangle.errors import (
     FormatError,
     MissingFileError,
@@ -257,6 +258,53 @@ def test_csv_round_trip(tmp_path):
     half.write_text("\n".join(f"{r[0]};{r[1]}" for r in table[:30]))
     assert not Path.from_csv(half).closed
     assert Path.from_csv(half).left is None
+
+
+@pytest.mark.parametrize(
+    ("heading", "units"),
+    [
+        ("# x_cm,y_cm,w_tr_right_cm,w_tr_left_cm", (100, 100, 100, 100)),
+        ("x [cm],y [cm],right,left", (100, 100, 100, 100)),
+        ("x_km;y_km;right_m;left_m", (1e-3, 1e-3, 1, 1)),
+        ("# made in cm, of the yard\n# x_m,y_m,w_tr_right_m,w_tr_left_m", (1, 1, 1, 1)),
+        ("x,y,w_right,w_left", (1, 1, 1, 1)),
+    ],
+)
+def test_headings_say_the_units_of_a_track(tmp_path, heading, units):
+    angle = np.linspace(0, 2 * np.pi, 100)[:-1]
+    table = np.column_stack([50 * np.cos(angle), 50 * np.sin(angle), 0 * angle + 3, 0 * angle + 4]) * units
+    file = tmp_path / "ring.csv"
+    file.write_text(heading + "\n" + "\n".join(",".join(f"{v:.9f}" for v in row) for row in table))
+    path = Path.from_file(file)
+    assert path.closed
+    assert path.length == pytest.approx(100 * np.pi, rel=1e-3)
+    assert (path.right[0], path.left[0]) == pytest.approx((3, 4))
+    assert path.origin is None
+
+
+@pytest.mark.parametrize(
+    "heading", ["lat,lon,w,w", "# longitude [deg], latitude [deg], right [cm], left [cm]", "lng,lat"]
+)
+def test_tracks_of_latitude_and_longitude_know_their_origin(tmp_path, heading):
+    angle = np.linspace(0, 2 * np.pi, 100)[:-1]
+    X, Y = 50 * np.cos(angle), 50 * np.sin(angle)
+    lat, lon = 52 + np.degrees(Y / EARTH), 13 + np.degrees(X / (EARTH * np.cos(np.radians(52))))
+    places = [lat, lon] if heading.startswith("lat") else [lon, lat]
+    wide = 100 if "cm" in heading else 1
+    table = np.column_stack(
+        [*places, *([0 * angle + 3 * wide, 0 * angle + 4 * wide] if "w" in heading or wide > 1 else [])]
+    )
+    file = tmp_path / "ring.csv"
+    file.write_text(heading + "\n" + "\n".join(",".join(f"{v:.10f}" for v in row) for row in table))
+    path = Path.from_file(file)
+    assert path.closed
+    assert path.length == pytest.approx(100 * np.pi, rel=1e-3)
+    assert path.origin == pytest.approx((np.radians(lat[0]), np.radians(lon[0])), abs=1e-9)
+    assert (path.X[0], path.Y[0]) == pytest.approx((0, 0), abs=1e-6)
+    assert path.right is None or path.right[0] == pytest.approx(3)
+    file.write_text("lat,lon\n" + "\n".join(f"{500 + 10 * k},{k * k}" for k in range(9)))
+    with pytest.raises(FormatError, match=r"headed lat, lon and has .*; expected degrees within 90"):
+        Path.from_file(file)
 
 
 @pytest.mark.parametrize(("name", "length"), [("Norisring", 2300.0), ("Silverstone", 5891.0), ("Monza", 5793.0)])

@@ -1,10 +1,11 @@
-"""`require_effect`: parameters that a problem is given, and nothing reads."""
+"""`require_effect`: parameters that a problem is given and nothing reads, or whose values their model does not take."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.ops import is_symbolic
@@ -15,6 +16,8 @@ from slipangle.optimal.terms import Read, evaluated
 def require_effect(ocp: Any) -> None:
     """Raise unless terms, equations, weights or limits read every parameter that is declared, free or in scenarios.
 
+    And unless its values are within the range that the model declares.
+
     Parameters
     ----------
     ocp : OCP
@@ -23,10 +26,13 @@ def require_effect(ocp: Any) -> None:
     Raises
     ------
     ParameterError
-        With the first parameter that changes nothing.
+        With the first parameter that changes nothing, or goes beyond its range.
     """
     varied = () if ocp.scenarios is None else tuple(ocp.scenarios.values)
     own = tuple(n for n in (*ocp.free, *varied) if n not in (*ocp.parameters, *ocp.model.inputs))
+    given = {**({} if ocp.scenarios is None else ocp.scenarios.values), **ocp.free}
+    for name in own:
+        require_range(ocp, name, given[name], "free" if name in ocp.free else "scenarios")
     end = ocp.terminal.names if isinstance(ocp.terminal, TerminalCost) else ocp.terminal or ()
     used = {*ocp.Q, *end, *ocp.limits, *ocp.terminal_limits}
     idle = [n for n in _unread(ocp, own) if n not in used]
@@ -43,6 +49,20 @@ def require_effect(ocp: Any) -> None:
         f"parameters name '{name}', which no term reads; expected p.{name} in one of "
         f"{list(ocp.terms) or 'terms, of which there are none'}: leave it out, or read it"
     )
+
+
+def require_range(ocp: Any, name: str, values: Any, where: str) -> None:
+    """Raise ParameterError if a parameter of the model's equations is given values beyond the range they declare."""
+    known = getattr(ocp.model, "params", None)
+    if name in (*ocp.parameters, *ocp.model.inputs) or known is None or name not in known.metadata():
+        return
+    declared, given = known.si(name), np.asarray(values, dtype=float)
+    low, high = float(given.min()), float(given.max())
+    if low < declared.lower or high > declared.upper:
+        raise ParameterError(
+            f"{where} has {low:g} to {high:g} for '{name}'; expected values from {declared.lower:g} to "
+            f"{declared.upper:g}, the range that the model declares: keep within it, or declare a wider one"
+        )
 
 
 def _unread(ocp: Any, own: tuple[str, ...]) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost
+from slipangle.optimal.idle import require_range
 from slipangle.optimal.ocp import NOTHING, OCP, POSE, Reference, at_nodes
 from slipangle.optimal.terms import require_names
 
@@ -116,7 +117,10 @@ def vary(
                 both = (-abs(both), abs(both))  # as in `Limits`
             if not (isinstance(both, tuple | list) and len(both) == 2):
                 raise ParameterError(f"the limits of '{name}' are {short(both)}; expected a lower and an upper one")
-            j, (low, high) = ocp.limited.index(name), (_column(name, side, n, ends=True) for side in both)
+            j, (low, high) = (
+                ocp.limited.index(name),
+                (_column(name, side, n, ends=True, what="the limit of") for side in both),
+            )
             apart = ocp._named_at_end(name) != name
             end = (-np.inf, np.inf) if apart else ocp.terminal_limits.get(name, (-np.inf, np.inf))
             low[-1], high[-1] = max(low[-1], end[0]), min(high[-1], end[1])
@@ -135,7 +139,11 @@ def vary(
         rows = _own_weights(ocp, what)
         for name, value in given.items():
             many = n if what == "Q" and ocp.terminal is not None and np.shape(value) != (n + 1,) else height
-            rows[:many, names.index(name)] = _column(name, value, n)[:many]
+            if what != "Q" and np.ndim(value) == 1 and len(value) not in (n, n + 1):
+                raise ParameterError(
+                    f"{what} of '{name}' has {len(value)} entries; expected a number or {n}, one per stage"
+                )
+            rows[:many, names.index(name)] = _column(name, value, n, what=f"{what} of")[:many]
         changed[what] = rows
     if scenarios is not None:
         changed["scenarios"] = _of_scenarios(ocp, scenarios)
@@ -160,7 +168,9 @@ def _of_scenarios(ocp: OCP, given: Mapping[str, Any]) -> np.ndarray:
         if not hasattr(each, "__len__") or len(each) != len(own):
             raise ParameterError(f"scenarios of '{name}' are {short(each)}; expected one for each of {len(own)}")
         for i, value in enumerate(each):
-            rows[i, :, j] = _column(name, value, many - 1)
+            rows[i, :, j] = _column(name, value, many - 1, what="the scenario of")
+        if name in given:
+            require_range(ocp, name, rows[:, :, j], "scenarios")
     return rows
 
 
@@ -174,7 +184,7 @@ def _own_weights(ocp: OCP, what: str) -> np.ndarray:
     )
 
 
-def _column(name: str, given: Any, horizon: int, ends: bool = False) -> np.ndarray:
+def _column(name: str, given: Any, horizon: int, ends: bool = False, what: str = "the setpoint of") -> np.ndarray:
     """One value for each node; unless it ``ends`` there, as a state does, the last may be left out."""
     if np.ndim(given) == 0 and isinstance(given, int | float | np.number | np.ndarray):
         return np.full(horizon + 1, float(given))
@@ -182,6 +192,6 @@ def _column(name: str, given: Any, horizon: int, ends: bool = False) -> np.ndarr
         given = at_nodes(np.asarray(given, dtype=float), horizon)
     if np.ndim(given) != 1:
         raise ParameterError(
-            f"the setpoint of '{name}' is {short(given)}; expected a number, or {horizon + 1} of them, one per node"
+            f"{what} '{name}' is {short(given)}; expected a number, or {horizon + 1} of them, one per node"
         )
-    return array(given, (horizon + 1,), [name], f"the setpoint of '{name}'")
+    return array(given, (horizon + 1,), [name], f"{what} '{name}'")

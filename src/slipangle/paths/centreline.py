@@ -13,6 +13,7 @@ from scipy import interpolate
 from slipangle.data.numerals import decoded, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
+from slipangle.paths.headings import in_metres, said_of_columns
 
 MOST_POINTS = 100_000  # of a track's line
 _FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
@@ -107,8 +108,10 @@ def limit_rise(
     return v
 
 
-def read_track(file: str | Path) -> np.ndarray:
+def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
+
+    And latitude and longitude of its origin [rad], where its headings say that it has such, see `in_metres`.
 
     Raises MissingFileError if there is no such file, FormatError if a line does not hold two or four numbers, as many
     as the first, and NotFiniteError if a point has a coordinate that is NaN or infinite.
@@ -117,11 +120,11 @@ def read_track(file: str | Path) -> np.ndarray:
     raw = read_bytes(source, "the track", "a CSV file: check the path")
     text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
-    swapped = False
+    swapped, columns = False, []
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not rows:
-            swapped = swapped or _left_first(line)
+            swapped, columns = swapped or _left_first(line), said_of_columns(line) or columns
             content = "" if re.fullmatch(r"[^\d]*[a-z]{2}[^\d]*", content, re.I) else content  # headings
         if not content:
             continue
@@ -144,7 +147,8 @@ def read_track(file: str | Path) -> np.ndarray:
     table = np.array(rows)
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
-    return table[:, [0, 1, 3, 2]] if swapped and table.shape[1] == 4 else table
+    table, origin = in_metres(table, columns, source.name)
+    return (table[:, [0, 1, 3, 2]] if swapped and table.shape[1] == 4 else table), origin
 
 
 def _left_first(line: str) -> bool:

@@ -191,18 +191,20 @@ class Path(Shown):
         """Track from a text file with columns x, y and, if known, width to the right and to the left. [m]
 
         Lines that start with ``#`` are comments; headings, in one or above the numbers, say whether the left width
-        comes first. Whether the track is closed is seen from the distance between its ends unless said.
+        comes first, units other than metres, such as ``x_cm``, and places by ``lat, lon``, whose path has an `origin`.
+        Whether the track is closed is seen from the distance between its ends unless said.
 
         Raises MissingFileError if there is no such file and FormatError if a line does not hold two or four numbers.
         """
-        table = read_track(file)
+        table, origin = read_track(file)
         if closed is None:
             with np.errstate(over="ignore", invalid="ignore"):  # what is that far away is refused below
                 gaps = np.hypot(*np.diff(table[:, :2], axis=0).T)
                 closed = bool(np.hypot(*(table[-1, :2] - table[0, :2])) < 3 * np.median(gaps))
         widths = {"right": table[:, 2], "left": table[:, 3]} if table.shape[1] == 4 else {}
         X, Y, stem = table[:, 0], table[:, 1], FilePath(file).stem
-        return cls.from_points(X, Y, closed=closed, smoothing=smoothing, spacing=spacing, name=stem, **widths)
+        line = cls.from_points(X, Y, closed=closed, smoothing=smoothing, spacing=spacing, name=stem, **widths)
+        return line if origin is None else replace(line, origin=origin)
 
     def with_speed(self, v_x: float | np.ndarray) -> Self:
         """The path at a constant speed or with the given profile, shape (n,). [m/s]"""

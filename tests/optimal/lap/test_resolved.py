@@ -74,3 +74,10 @@ def test_sound_tracks_are_not_called_noisy():
 @pytest.mark.parametrize("name", ["Budapest", "Monza", "Norisring", "Silverstone", "Spielberg"])
 def test_race_tracks_are_not_called_noisy(name, real_data):
     require_resolved(sa.Path.from_file(real_data(f"tracks/tum/{name}.csv")), 1.0)
+
+
+def test_a_track_in_kilometres_is_named():
+    track = circuit()
+    small = sa.Path.from_points(track.X[::20] / 1000, track.Y[::20] / 1000, closed=True, right=5.0, left=5.0)
+    with pytest.raises(ParameterError, match=r"0\.56\d? m long; expected 27 m at least .* not in kilometres"):
+        sa.fastest_lap(RACER, small)

@@ -26,6 +26,7 @@ from slipangle.paths.path import Path
 _SPACING = 5.0  # m, between points, by default, for a car of usual size
 _FASTEST = 120.0  # m/s, up to which a car of usual size is taken to be quasi-steady
 _FEWEST, _MOST = 60, 6000  # points
+_SHORTEST = 10.0, 2.0  # wheelbases, of a closed and an open track
 _TOLERANCE = 0.05  # m, of a given line, for a car of usual size and larger ones
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
 _SMOOTH = (1.4, 0.1, 0.16)  # of yaw acceleration and of the rates of steering and force, see `_weights`
@@ -101,6 +102,7 @@ def fastest_lap(
     began = time.perf_counter()
     vehicle = lap_car(car)
     _check(track, line, points, smoothness, margin, v_max, v_start, like)
+    _require_length(track, vehicle)
     require_resolved(track, vehicle.size)
     count = min(max(math.ceil(track.length / (_SPACING * vehicle.size)), _FEWEST), _MOST) if points is None else points
     room = 0.5 * vehicle.width + margin
@@ -193,6 +195,16 @@ def _check(
         )
     if v_start is not None and track.closed:
         raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
+
+
+def _require_length(track: Path, car: LapCar) -> None:
+    """Raise ParameterError if the track is too short for its car, as one in kilometres is."""
+    least = _SHORTEST[0 if track.closed else 1] * car.wheelbase
+    if track.length < least:
+        raise ParameterError(
+            f"'{track.name}' is {track.length:.3g} m long; expected {least:.2g} m at least for a car of "
+            f"{car.wheelbase:.3g} m between its axles: give the track in metres, not in kilometres"
+        )
 
 
 def _quasi_steady(

@@ -1,0 +1,54 @@
+"""What the headings of a track file say: units of its columns, and whether its places are latitude and longitude."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from slipangle.data.race import equirectangular
+from slipangle.errors import FormatError, ParameterError
+
+_METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048}
+_PLACES = r"(x|east(ing)?|pos_?x)\b|x_|lon|lng|lat", r"(y|north(ing)?|pos_?y)\b|y_|lat|lon|lng"
+_UNIT = re.compile(r"[\s_\[(/]+(mm|cm|km|m|ft|deg|rad)[\])]?$")
+
+
+def said_of_columns(line: str) -> list[str]:
+    """Names of columns with their units, in lower case, of a line that heads a track; none of any other line."""
+    names = [name.strip().lower() for name in re.split(r"[,;\t]", line.replace("#", " "))]
+    if len(names) == 1:
+        names = names[0].split()
+    return names if len(names) > 1 and all(map(re.match, _PLACES, names)) else []
+
+
+def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.ndarray, tuple[float, float] | None]:
+    """The numbers of a track in metres by the units of its headings, and its origin [rad] if these are places on Earth.
+
+    Of latitude and longitude, in degrees unless headed in rad, x is east and y north of the first point. A width
+    without a unit has that of x; numbers without any are in metres.
+
+    Raises
+    ------
+    FormatError
+        If a place is none on Earth.
+    """
+    if len(columns) != table.shape[1]:
+        return table, None
+    units = [found.group(1) if (found := _UNIT.search(name)) else "" for name in columns]
+    order = [next((j for j in (0, 1) if columns[j].startswith(words)), None) for words in (("lat",), ("lon", "lng"))]
+    table = table.copy()
+    table[:, 2:] *= [_METRES.get(unit or units[0], 1.0) for unit in units[2:]]
+    if None in order:
+        table[:, :2] *= [_METRES.get(unit, 1.0) for unit in units[:2]]
+        return table, None
+    places = table[:, order]  # type: ignore[index]
+    lat, lon = (places if "rad" in units[:2] else np.radians(places)).T
+    try:
+        table[:, 0], table[:, 1] = equirectangular(lat, lon)
+    except ParameterError:
+        raise FormatError(
+            f"'{source}' is headed {columns[0]}, {columns[1]} and has {places[np.abs(places).argmax() // 2].tolist()}; "
+            "expected degrees within 90 and 180: correct the heading, or name the columns x_m, y_m"
+        ) from None
+    return table, (float(lat[0]), float(lon[0]))
