@@ -1,11 +1,13 @@
 """Measured lines: noise, folds and overlaps are named before a lap is looked for; sound tracks never are."""
 
+import warnings
+
 import numpy as np
 import pytest
 from benchmarks.bench_lap import random_track
 
 import slipangle as sa
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.optimal.lap.resolved import require_resolved
 from slipangle.paths.lane_change import double_lane_change
 from tests.optimal.lap.cars import RACER, circuit, ring, straight
@@ -37,12 +39,21 @@ def eight(size=1.0):
     return sa.Path.from_points(90 * size * np.sin(a), 45 * size * np.sin(2 * a), closed=True)
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("noise", [0.1, 0.2])
 def test_noise_is_named_and_smoothing_takes_it_out(noise):
-    with pytest.raises(ParameterError, match=r"turns to and fro by .* m after its start, .* smoothing="):
-        sa.fastest_lap(RACER, measured(noise))
+    with pytest.warns(ModelWarning, match=r"turns to and fro by .* m after its start, .* smoothing="):
+        require_resolved(measured(noise), RACER.size)
     smooth = sa.fastest_lap(RACER, measured(noise, smoothing=noise), points=80)
     assert smooth.time == pytest.approx(sa.fastest_lap(RACER, circuit(), points=80).time, rel=0.01)
+
+
+def test_a_slalom_is_driven_whatever_is_said_of_it():
+    """Cones 8 m apart, as Formula Student has them, passed at 1.5 m."""
+    x = np.arange(0.0, 120.0, 1.0)
+    slalom = sa.Path.from_points(x, 1.5 * np.sin(np.pi * x / 8.0), right=1.5, left=1.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        require_resolved(slalom, 0.7)
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.3, 1.5, 2.5])

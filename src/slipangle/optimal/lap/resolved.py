@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.paths.path import Path
 
 _STRETCH = 10.0  # m, for a car of usual size and larger ones, in which a track does not turn to and fro by much
@@ -16,8 +18,9 @@ _MISSED = 0.1  # rad between two samples, that the curvature does not have
 
 
 def require_resolved(track: Path, size: float) -> None:
-    """Raise ParameterError if the track's line is noisy, laps itself, folds back or has bends that its samples miss.
+    """Raise ParameterError if the track's line laps itself, folds back or has bends that its samples miss.
 
+    Warns with ModelWarning of a line that turns to and fro as noise makes it; a slalom does so too, and is no mistake.
     ``size`` is that of the car over a usual one. [-]
     """
     again = _again(track, size)
@@ -26,7 +29,6 @@ def require_resolved(track: Path, size: float) -> None:
             f"the line of '{track.name}' comes past its start again {again:.0f} m after it, {track.length - again:.0f} "
             "m before its end; expected one lap in driving order: cut the points that overlap"
         )
-    _refuse_noise(track, _STRETCH * min(size, 1.0))
     h, k = track.spacing, track.curvature
     missed = np.abs(np.diff(track.psi) - 0.5 * h * (k[1:] + k[:-1]))
     folded = np.abs(_within(track, track.psi, _ROUND * size))
@@ -39,6 +41,7 @@ def require_resolved(track: Path, size: float) -> None:
             "that lie behind the one before; expected one lap in driving order: cut an overlap, give "
             "Path.from_points smoothing=, or a smaller spacing= for a small track"
         )
+    _warn_of_noise(track, _STRETCH * min(size, 1.0))
 
 
 def _again(track: Path, size: float) -> float | None:
@@ -54,17 +57,19 @@ def _again(track: Path, size: float) -> float | None:
     return float(track.s[np.argmax(at)]) if at.any() else None
 
 
-def _refuse_noise(track: Path, stretch: float) -> None:
+def _warn_of_noise(track: Path, stretch: float) -> None:
     h, k = track.spacing, track.curvature
     turned, both = (_within(track, _summed(h, c), stretch) for c in (k, np.abs(k)))
     shaken = both - np.abs(turned)
     if shaken.mean() > _NOISY or shaken.max() > _CROOKED:
         at = (int(np.argmax(shaken)) * h + 0.5 * stretch) % track.length
-        raise ParameterError(
+        warnings.warn(
             f"the line of '{track.name}' turns to and fro by {shaken.max():.2g} rad within {stretch:.3g} m, {at:.0f} m "
-            f"after its start, and by {shaken.mean():.2g} rad in the mean, as noise of its points makes it; expected a "
-            "line that a car follows: give Path.from_points or from_file smoothing=, the standard deviation of the "
-            "points [m], and cut an overlap past the start"
+            f"after its start, and by {shaken.mean():.2g} rad in the mean; if that is noise of its points and no slalom, "
+            "its lap is nonsense: give Path.from_points or from_file smoothing=, the standard deviation of the points "
+            "[m], and cut an overlap past the start",
+            ModelWarning,
+            stacklevel=4,
         )
 
 
