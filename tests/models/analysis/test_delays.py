@@ -180,6 +180,7 @@ def test_bands_of_arx_are_those_of_its_coefficients():
     assert "standard deviations of r(k-1)" in linear.uncertainty
 
 
+@pytest.mark.filterwarnings("ignore:the data have a level")  # of 0.2 in r
 def test_estimates_of_arx_with_several_outputs_keep_their_rows():
     data = log()
     other = np.roll(data["r"], 3) + 0.01 * np.random.default_rng(5).standard_normal(data.n_samples)
@@ -205,6 +206,7 @@ def test_bands_of_output_error_are_those_of_its_coefficients():
     assert gain.std == pytest.approx(deviation(slope, model.fit_info), rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the data have a level")  # of 0.2 in r
 def test_bands_of_a_state_space_do_not_hang_on_its_basis():
     model = sa.StateSpace(order=2).fit(log())
     modes = model.modes()
