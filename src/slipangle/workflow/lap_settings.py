@@ -24,7 +24,7 @@ class LapSettings:
     line : str
         Whether the line is found too, or the track's own line is driven.
     points : int
-        Collocation points; by default one every 1.94 wheelbases, 5 m for a full car.
+        Collocation points; by default one every 1.94 wheelbases, 5 m for a full car, more in tight hairpins.
     smoothness : float
         Weight of yaw acceleration and of the rates of steering and force.
     margin : float

@@ -92,3 +92,10 @@ def test_a_track_in_kilometres_is_named():
     small = sa.Path.from_points(track.X[::20] / 1000, track.Y[::20] / 1000, closed=True, right=5.0, left=5.0)
     with pytest.raises(ParameterError, match=r"0\.56\d? m long; expected 27 m at least .* not in kilometres"):
         sa.fastest_lap(RACER, small)
+
+
+@pytest.mark.parametrize(("radius", "within"), [(4.0, 6e-3), (9.0, 2e-3)])
+def test_tight_hairpins_have_the_points_that_they_need(radius, within):
+    lap = sa.fastest_lap(RACER, hairpins(radius))
+    fine = sa.fastest_lap(RACER, hairpins(radius), points=4 * len(lap.s))
+    assert lap.time == pytest.approx(fine.time, rel=within)

@@ -25,7 +25,11 @@ from slipangle.paths.path import Path
 
 _SPACING = 5.0  # m, between points, by default, for a car of usual size
 _FASTEST = 120.0  # m/s, up to which a car of usual size is taken to be quasi-steady
-_FEWEST, _MOST = 60, 6000  # points
+_FEWEST, _MOST = 120, 6000  # points
+_OF_RADIUS, _FINEST = (
+    0.66,
+    0.25,
+)  # of the tightest radius, that is the spacing where less; no less than this share of it
 _SHORTEST = 10.0, 2.0  # wheelbases, of a closed and an open track
 _TOLERANCE = 0.05  # m, of a given line, for a car of usual size and larger ones
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
@@ -66,8 +70,8 @@ def fastest_lap(
         Whether the line is found too, or the track's own line is driven, to within 5 cm, of a small car as goes with
         its size.
     points : int, optional
-        Collocation points, by default one every 1.94 wheelbases, 5 m for a full car. They are denser where the car is
-        slow.
+        Collocation points, by default one every 1.94 wheelbases, 5 m for a full car, or every 0.66 of the tightest
+        radius where that is less, and 120 at least. They are denser where the car is slow.
     smoothness : float
         Weight of yaw acceleration and rates. At 1 a lap is slower by some tenths of a percent than near 0, where the
         optimum is no longer well defined. [-]
@@ -104,7 +108,7 @@ def fastest_lap(
     _check(track, line, points, smoothness, margin, v_max, v_start, like)
     _require_length(track, vehicle)
     require_resolved(track, vehicle.size)
-    count = min(max(math.ceil(track.length / (_SPACING * vehicle.size)), _FEWEST), _MOST) if points is None else points
+    count = _usual_points(track, _SPACING * vehicle.size) if points is None else points
     room = 0.5 * vehicle.width + margin
     edges: dict[str, Any] = {
         "room": room,
@@ -195,6 +199,15 @@ def _check(
         )
     if v_start is not None and track.closed:
         raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
+
+
+def _usual_points(track: Path, spacing: float) -> int:
+    """As many as a spacing makes [m], or a closer one where the tightest bend, over a spacing's length, asks for it."""
+    s = np.arange(0.0, track.length, 0.25 * spacing)
+    turned = np.abs(track.at(s + 0.5 * spacing).psi - track.at(s - 0.5 * spacing).psi)
+    radius = spacing / max(float(turned.max()), 1e-9)
+    close = min(spacing, max(_OF_RADIUS * radius, _FINEST * spacing))
+    return min(max(math.ceil(track.length / close), _FEWEST), _MOST)
 
 
 def _require_length(track: Path, car: LapCar) -> None:
