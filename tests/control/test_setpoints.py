@@ -153,10 +153,10 @@ def test_parameters_keep_within_the_range_that_the_model_declares(given):
 def test_scenarios_of_a_plan_keep_within_the_range_too():
     controller = damped(scenarios=Scenarios({"k": (0.5, 2)}))
     with pytest.raises(ParameterError, match=r"scenarios has 0\.5 to 9 for 'k'; expected values from 0\.1 to 5"):
-        controller.plan(np.zeros(2), s=1.0, scenarios={"k": (0.5, 9)})
+        controller.setpoint(s=1.0, scenarios={"k": (0.5, 9)})
 
 
 def test_weights_of_another_length_are_named_as_weights():
     for what, said in (("R", r"R of 'a' has 3 entries; expected a number or 6"), ("Q", r"Q of 's' has 3 entries")):
         with pytest.raises(ParameterError, match=said):
-            damped().plan(np.zeros(2), s=1.0, **{what: {"a" if what == "R" else "s": [1.0, 2.0, 3.0]}})
+            damped().setpoint(s=1.0, **{what: {"a" if what == "R" else "s": [1.0, 2.0, 3.0]}})
