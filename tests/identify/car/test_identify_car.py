@@ -119,7 +119,7 @@ def test_delay_lag_gain_and_offset_are_found_apart(car):
 
 def test_delay_and_lag_are_said_apart_within_what_the_hold_between_samples_takes(car):
     """A moving angle held at its mean for 20 ms is smoothed as by a lag of 12 ms."""
-    said = next(s for s in car.sentences if s.startswith("the road wheels are"))
+    said = next(s for s in car.sentences if s.startswith("steering and tires together are"))
     assert "ms late: pure delay" in said
     for name, true in (("delay_delta", STEERING["delay"]), ("steering_lag", STEERING["lag"])):
         low, high = car.interval(name)

@@ -22,7 +22,7 @@ def test_it_is_said_with_its_scale_and_intervals_hold(gain, word):
     """Wheels of another radius: stiffness is off by as much or twice as much, beside an interval of a few percent."""
     found = identify_car(scaled(gain), **KNOWN)
     (said,) = (s for s in found.sentences if s.startswith("v_x is logged"))
-    assert f"too {word}" in said
+    assert f" % too {word}, or r is too {word} (a gyro's scale), as the motion across tells" in said
     assert float(re.search(r"a scale of ([0-9.]+)", said)[1]) == pytest.approx(gain, abs=0.02)
     assert said in found.model.fit_info.warnings
     for name in STIFF:

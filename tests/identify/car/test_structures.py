@@ -125,7 +125,7 @@ def test_a_servo_at_its_limit_whose_angle_is_logged_too_seldom_is_doubted(step, 
         values={"steering_rate": 1.5, "steering_lag": 0.08},
         model=SimpleNamespace(dt=DT),
     )
-    said = sensors(final, np.zeros((0, 0)), 1.0)
+    said = sensors(final, np.zeros((0, 0)))
     assert len(said) == doubted
     assert all("no interval holds" in sentence for sentence in said)
 

@@ -181,6 +181,6 @@ def locked(final: Fitted, limits: np.ndarray) -> list[str]:
     return [
         f"the rear wheels resist the turn as if they turned as one, by {100 * p.locked_share:.2g} % of what slip "
         f"angles do: {name} = {final.values[name]:.2g} ({low:.2g} to {high:.2g}) m, about half the track where the "
-        "axle is solid or its differential locked; with an open differential in the car something else does it, and "
-        "yaw inertia and steering gain are less sure than their intervals say"
+        "axle is solid or its differential locked; with an open differential in the car something else does it, as a "
+        "yaw rate that reads too small, and yaw inertia and steering gain are less sure than their intervals say"
     ]

@@ -193,12 +193,12 @@ class WholeCar(Checked):
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, stretches(logged, self.wheelbase).all)
-        names = final.names
-        spread, limits, how = _limits(final, others)
+        names, (spread, limits, how) = final.names, _limits(final, others)
         separated = sentences.separated(names, final, limits)
-        left, told = [*mended, *sentences.left_out(whole)], sentences.sensors(final, spread, self.steering_gain)
-        wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits, used))
-        changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
+        odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
+        left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
+        wrong = (*left, *suspect, *filter(None, [weight]), *sentences.sensors(final, spread), *odd)
+        changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),

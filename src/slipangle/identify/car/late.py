@@ -6,7 +6,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car.corrections import LOADS, SPEED
-from slipangle.identify.car.left_over import searched
+from slipangle.identify.car.left_over import HOLD, searched
 from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, settling, worth
 
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
@@ -27,7 +27,7 @@ def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others,
         behind, before = (name, "r") if seconds > 0 else ("r", name)
         said.append(
             f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late; "
-            "shift it, or take another sensor; the intervals of C_f, C_r and inertia_z hold for either"
+            f"shift it, or take another sensor; {HOLD}"
         )
         others = [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)]
     return others, said

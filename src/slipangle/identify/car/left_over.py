@@ -10,6 +10,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.identify.car.structures import Fitted, fit
 from slipangle.identify.car.uncertainty import few
 
+HOLD = "the intervals of C_f, C_r and inertia_z hold for either"
+NO_HOLD = "no interval holds until what else is doubted is mended"
 _SURE = 3.92  # standard deviations from none at which there is some, as effects count whole there
 _SEARCHES = 3  # refits, each from where the last one says
 

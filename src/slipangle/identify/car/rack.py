@@ -7,7 +7,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import LOCKED, Correction
 from slipangle.identify.car.effects import others_as_good
-from slipangle.identify.car.left_over import searched
+from slipangle.identify.car.left_over import HOLD, searched
 from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, worth
 
 _LEAST, _MOST = 0.05, 0.6  # share by which the wheels turn more than straight ahead, less than which no one minds
@@ -35,8 +35,7 @@ def with_rack(final: Fitted, others: Others, dropped: list[Correction], data: Da
         )
     said = (
         f"the steering turns the wheels {100 * abs(shares[most]):.2g} % {'more' if shares[most] > 0 else 'less'} at "
-        f"{at:.2g} deg of delta than in proportion to what it does straight ahead, {mended}; the intervals of C_f, C_r "
-        "and inertia_z hold for either"
+        f"{at:.2g} deg of delta than in proportion to what it does straight ahead, {mended}; {HOLD}"
     )
     with_it = others_as_good(straight, dropped, turned(final, data, shares))
     return [*others, (straight, 1.0), *with_it], [said]

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from slipangle.identify.car.corrections import LOADS, SPEED, fastest_steering, friction_used, recordings
+from slipangle.identify.car.left_over import HOLD, NO_HOLD
 from slipangle.identify.car.stretches import Stretches
-from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling, worth
+from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Others, Stage, settling, worth
+from slipangle.identify.car.uncertainty import hull_of_sum
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
 
@@ -25,6 +27,7 @@ _MOMENT = (0.9, 1.11)  # of what a logged yaw moment, or rear wheels, do over wh
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
+_WEIGHT = (0.2, 0.8)  # of the wheelbase, between which is any car's centre of gravity
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
@@ -69,8 +72,12 @@ def changes(stages: list[Stage]) -> list[str]:
     return said
 
 
-def steering(names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray) -> list[str]:
-    """How late the road wheels are, and how much of it is pure delay and how much lag."""
+def steering(final: Fitted, others: Others, limits: np.ndarray) -> list[str]:
+    """How late the road wheels are, and how much of it is pure delay and how much lag; limits have shape (n_names, 2).
+
+    Their sum has the range of the structures as good: what tires take to build up their force may be in it.
+    """
+    names: tuple[str, ...] = final.names
     pair, limit = ("delay_delta", "steering_lag"), fastest(names, final, limits)
     if "delay_delta" in final.own:
         return limit
@@ -78,13 +85,14 @@ def steering(names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: 
         return ["no delay and no lag of the steering shows: the log is explained as well without"]
     at = [names.index(name) for name in pair]
     late = 1000 * sum(final.values[name] for name in pair)
-    within = 1960 * float(np.sqrt(max(spread[np.ix_(at, at)].sum(), 0.0)))
+    soonest, latest = 1000 * np.maximum(hull_of_sum(pair, final, others), 0.0)
     delay, lag = (
         f"{1000 * final.values[n]:.0f} ({1000 * limits[i, 0]:.0f} to {1000 * limits[i, 1]:.0f}) ms"
         for n, i in zip(pair, at, strict=True)
     )
     least, share = _APART
-    whole = f"the road wheels are {late:.0f} (±{np.ceil(within):.0f}) ms late"
+    what = "the road wheels are" if "relaxation_f" in final.free else "steering and tires together are"
+    whole = f"{what} {late:.0f} ({np.floor(soonest):.0f} to {np.ceil(latest):.0f}) ms late"
     if np.ptp(limits[at], axis=1).max() / 2 < max(least, share * late / 1000):
         return [f"{whole}: pure delay {delay}, first-order lag {lag}", *limit]
     return [
@@ -136,8 +144,26 @@ def _ratio(names: tuple[str, ...], final: Fitted, spread: np.ndarray, a: str, b:
     return 1.96 * float(np.sqrt(max(relative[0, 0] + relative[1, 1] - 2 * relative[0, 1], 0.0)))
 
 
-def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
-    """Sensors whose zero or scale is far off; ``first`` is the steering's gain as it was given."""
+def held(said: list[str], *, doubted: bool) -> list[str]:
+    """Sentences that promise no interval where the car is doubted for another reason than theirs."""
+    return [sentence.replace(HOLD, NO_HOLD) if doubted else sentence for sentence in said]
+
+
+def turning(final: Fitted, first: float) -> list[str]:
+    """A steering's gain far from ``first``, which was given."""
+    gain = final.values.get("steering_gain", first) / first
+    if _GAIN[0] < gain < _GAIN[1]:
+        return []
+    alone = {"v_y", "a_y"}.isdisjoint(final.model.outputs)  # then no locked axle is told from such a gain
+    solid = "; rear wheels that turn as one, as of a kart, look so too" if alone and 0 < gain < 1 else ""
+    return [
+        f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
+        f"steering ratio and the units{solid}"
+    ]
+
+
+def sensors(final: Fitted, spread: np.ndarray) -> list[str]:
+    """Sensors whose zero is far off, and a steering that is late, or slower than it is logged."""
     said = []
     for i, (name, base) in enumerate(zip(final.names, final.problem.base_names, strict=True)):
         if name.startswith("bias_"):
@@ -149,14 +175,6 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
                 said.append(
                     f"{channel} has an offset of {value:.3g} {unit}{where}, corrected in the fit: zero the sensor"
                 )
-    gain = final.values.get("steering_gain", first) / first
-    if not _GAIN[0] < gain < _GAIN[1]:
-        alone = {"v_y", "a_y"}.isdisjoint(final.model.outputs)  # then no locked axle is told from such a gain
-        solid = "; rear wheels that turn as one, as of a kart, look so too" if alone and 0 < gain < 1 else ""
-        said.append(
-            f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
-            f"steering ratio and the units{solid}"
-        )
     late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
     if late > _LATE:
         said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
@@ -294,6 +312,12 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     l_f = p.l_f - lever  # where the centre of gravity is if the sensor sits there
     if abs(lever) < ELSEWHERE * p.wheelbase or at[0] * at[1] <= 0 or not 0 < l_f < p.wheelbase:
         return []
+    if not _WEIGHT[0] < l_f / p.wheelbase < _WEIGHT[1]:
+        return [
+            f"v_y reads as if measured {lever:+.2g} m from the centre of gravity, which no place of that explains: l_f "
+            f"would be {l_f:.3g} m of {p.wheelbase:.3g} m; if its sensor is not there, v_y is in another unit, such as "
+            "km/h, and no interval holds: check both"
+        ]
     C_f, C_r = (final.values[n] * share for n, share in (("C_f", (p.wheelbase - l_f) / p.l_r), ("C_r", l_f / p.l_f)))
     return [
         f"v_y reads as if measured {lever:+.2g} m from the centre of gravity: if its sensor sits there, l_f is "
@@ -302,16 +326,17 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     ]
 
 
-def speed(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
-    """A speed that is logged too large or too small, as the motion across tells, and worth its parameters."""
+def speed(final: Fitted, others: Others) -> list[str]:
+    """A speed that is logged too large or too small, or r, as the motion across tells, and worth its parameters."""
     for other in (other for other, share in others if {*SPEED} <= {*other.free} and share > _HALF):
         if worth(final, other, len(other.names) - len(final.names)) <= 0:
             continue
-        gain = other.values[SPEED[0]]
+        gain, how = other.values[SPEED[0]], "small" if other.values[SPEED[0]] > 1 else "large"
         return [
-            f"v_x is logged {100 * abs(1 / gain - 1):.2g} % too {'small' if gain > 1 else 'large'}, as the motion "
-            f"across tells: if it is that of wheels, check their radius, or give v_x a scale of {gain:.3g}; stiffness "
-            "and inertia are off with it, and their intervals hold for either"
+            f"v_x is logged {100 * abs(1 / gain - 1):.2g} % too {how}, or r is too {how} (a gyro's scale), as the "
+            "motion across tells: see whether r adds up over a full circle; if so and v_x is that of wheels, check "
+            f"their radius, or give v_x a scale of {gain:.3g}; stiffness and inertia are off with it, and their "
+            "intervals hold for either speed"
         ]
     return []
 

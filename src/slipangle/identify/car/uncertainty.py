@@ -64,6 +64,18 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return even / np.outer(lengths, lengths)
 
 
+def hull_of_sum(names: Sequence[str], best: Fitted, others: Sequence[tuple[Fitted, float]]) -> tuple[float, float]:
+    """95 % limits of a sum of parameters, from the lowest to the highest of the fits in which all are free."""
+    reached = []
+    for fitted, share in ((best, 1.0), *others):
+        if {*names} <= {*fitted.names}:
+            at = [fitted.names.index(name) for name in names]
+            half = 1.96 * float(np.sqrt(max(covariance(fitted)[0][np.ix_(at, at)].sum(), 0.0)))
+            ends = sum(fitted.values[name] for name in names) + np.array([-half, half])
+            reached.append(ends if fitted is best else reached[0] + share * (ends - reached[0]))
+    return float(np.min(reached)), float(np.max(reached))
+
+
 def hull(
     names: Sequence[str], best: Fitted, others: Sequence[tuple[Fitted, float]]
 ) -> tuple[np.ndarray, np.ndarray, str]:
