@@ -233,7 +233,7 @@ def test_what_changes_is_checked():
         ({"Q": {"wind": 1.0}}, "Q names 'wind'"),
         ({"Q": {"phi": np.append(np.ones(12), -1.0)}}, "a weight of -1 for 'phi' at node 12; expected a finite number"),
         ({"S": {"a": 1.0}}, "S names 'a'"),
-        ({"R": {"a": np.ones(5)}}, "expected 13"),
+        ({"R": {"a": np.ones(5)}}, "expected a number or 12, one per stage"),
     ):
         with pytest.raises(ParameterError, match=said):
             mpc.plan(np.zeros(2), wind=0.0, **bad)

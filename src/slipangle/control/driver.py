@@ -249,7 +249,7 @@ class Driver(Brief):
 
     def _observe(self, behind: int) -> str:
         """Bring the estimate to now, ``behind`` samples after the last; what hinders, empty if nothing does."""
-        moving = self._v_x if "v_x" in self._raw else math.nan
+        moving, begun = self._v_x if "v_x" in self._raw else math.nan, set[str]()
         if not moving >= self._slowest:
             self._tracker, self._plan = None, None
             self._pending.clear()
@@ -258,7 +258,7 @@ class Driver(Brief):
             if not set(POSE) <= self._raw.keys():
                 return HINDERED[3]
             self._begin()
-            behind = 1
+            behind, begun = 1, self._pending.keys() & self.estimator.begun.keys()
         tracker: Any = self._tracker
         given = {**self._inputs, self.steering: self._steered}
         try:
@@ -273,7 +273,7 @@ class Driver(Brief):
             tracker = self._tracker
             tracker.take(given)
         for name, good in zip(self._model.outputs, tracker.taken, strict=True):
-            if good:
+            if good or name in begun:
                 self._seen[name] = self._now
         if self._trusts and not math.isnan(surprise := tracker.surprise):
             self._surprise += self.dt / TRUSTED * (min(surprise, DOUBTED) - self._surprise)

@@ -145,12 +145,13 @@ static int observe(Driver *d, int64_t behind)
             d->pending[i] = NAN;
         return d->v_x != d->v_x ? CAR_SPEED_UNKNOWN : CAR_STANDING;
     }
+    int begun = 0;
     if (!d->tracking || (double)behind * CAR_DT > LONGEST_GAP) {
         for (int k = 0; k < 3; k++)
             if (d->raw[POSE[k]] != d->raw[POSE[k]])
                 return CAR_POSE_UNKNOWN;
         start_filter(d);
-        behind = 1;
+        behind = 1, begun = 1;
     }
     int good = 1;
     for (int64_t k = 1; good && k < behind; k++)
@@ -161,7 +162,8 @@ static int observe(Driver *d, int64_t behind)
         take(d, 0);
     }
     for (int i = 0; i < NY; i++) {
-        if (d->filter.fresh[i] && d->filter.taken[i] > 0)
+        int began_at = begun && BEGUN[i] >= 0 && d->pending[i] == d->pending[i];
+        if ((d->filter.fresh[i] && d->filter.taken[i] > 0) || began_at)
             d->seen[i] = d->now;
         d->pending[i] = NAN;
     }
