@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import slipangle as sa
-from tests.models.all_models import ALL_MODELS
+from slipangle.models.model import FitInfo
+from slipangle.models.tires.neural import NeuralCurve
+from tests.models.all_models import ALL_MODELS, neural_tire
 
 
 @pytest.mark.parametrize("name", ALL_MODELS)
@@ -26,3 +28,13 @@ def test_one_number_makes_another_model():
     assert other != model
     assert model != ALL_MODELS["state space"]
     assert len({model, replace(model), other}) == 2
+
+
+def test_a_fitted_curve_of_a_network_is_the_same_as_one_of_another_fit():
+    """How a thing was fitted is not what it is, and its arrays have no order to be compared by."""
+    curve = next(v for v in vars(neural_tire()).values() if isinstance(v, NeuralCurve))
+
+    def told():
+        return FitInfo(names=("w",), values=np.ones(2), covariance=np.eye(2), noise_std=np.ones(1), n_samples=9)
+
+    assert replace(curve, fit_info=told()) == replace(curve, fit_info=told()) == curve

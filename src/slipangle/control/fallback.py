@@ -19,9 +19,8 @@ from slipangle.models.model import Model
 from slipangle.numerics.per_thread import built
 from slipangle.optimal.checks import MOST, counted, health_of, is_numbers
 from slipangle.optimal.engine import Backend, Engine, Followed
-from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.named import backend_of, require_solver
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
-from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import (
     ANEW,
     Health,
@@ -94,10 +93,7 @@ class Fallbacks(Checked, Led):
             object.__setattr__(self, name, value)
         coerce(self, Values, "safe")
         coerce(self, Limits, "plausible")
-        if solver not in ("ipopt", "realtime") if isinstance(solver, str) else not hasattr(solver, "build"):
-            raise ParameterError(
-                f'the solver is {solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
-            )
+        require_solver(solver)
         self.__post_init__()
         require_names(self.safe, ocp.controls, "safe", "use a decided input")
         known = (*ocp.model.states, *ocp.references, *ocp.exogenous)
@@ -119,8 +115,7 @@ class Fallbacks(Checked, Led):
 
     @built
     def _engine(self) -> Engine:
-        named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
-        backend = named[self.solver] if isinstance(self.solver, str) else self.solver
+        backend = backend_of(self.solver)
         if self.ocp.composed and not getattr(backend, "composes", False):
             raise ParameterError(
                 f"{shown(backend)} cannot know the problem's scenarios, free parameters or Huber costs; expected a "

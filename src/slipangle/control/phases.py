@@ -16,17 +16,14 @@ from slipangle.fields import Checked, Within
 from slipangle.models.model import without_caches
 from slipangle.numerics.per_thread import built
 from slipangle.optimal.arrays import applied_input, short, vector
-from slipangle.optimal.engine import Backend, Engine, Start
+from slipangle.optimal.engine import Engine, Start
 from slipangle.optimal.guess import Guess
-from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.linked import Linked
+from slipangle.optimal.named import backend_of, require_solver
 from slipangle.optimal.ocp import OCP, Reference
-from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
 from slipangle.shown import Shown
-
-_NAMED: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,10 +151,7 @@ class Phases(Checked):
                 f"links is {short(self.links)}; expected a list of {len(phases) - 1} functions, one per junction, such "
                 "as links=[lambda x: [...]]"
             )
-        if self.solver not in _NAMED if isinstance(self.solver, str) else not hasattr(self.solver, "build"):
-            raise ParameterError(
-                f'the solver is {self.solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
-            )
+        require_solver(self.solver)
         object.__setattr__(self, "problems", phases)
         object.__setattr__(self, "links", tuple(links))
 
@@ -168,8 +162,7 @@ class Phases(Checked):
     @built
     def _parts(self) -> tuple[Linked, Engine]:
         linked: Any = Linked(self.problems, self.links)  # type: ignore[arg-type]
-        backend = _NAMED[self.solver] if isinstance(self.solver, str) else self.solver
-        return linked, backend.build(linked, self.deadline)
+        return linked, backend_of(self.solver).build(linked, self.deadline)
 
     def plan(
         self,

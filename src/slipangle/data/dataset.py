@@ -13,6 +13,7 @@ import numpy as np
 from slipangle.data.clock import at_rate
 from slipangle.data.frames import InFrames
 from slipangle.data.headings import continued, wrap_note
+from slipangle.equal import Equal
 from slipangle.errors import (
     MissingColumnError,
     NotFiniteError,
@@ -36,7 +37,7 @@ class Channel(Brief):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset(InFrames, Shown):
+class Dataset(InFrames, Shown, Equal):
     """One or several recordings ("experiments") of the same channels at one sample time.
 
     Experiments are stored one after another; `experiments` gives each as a data set of its own.
@@ -240,21 +241,6 @@ class Dataset(InFrames, Shown):
 
     def __len__(self) -> int:
         return self.n_samples
-
-    def __eq__(self, other: object) -> bool:
-        """Whether samples, to the last bit, and all that is said of them are the same."""
-        if not isinstance(other, Dataset):
-            return NotImplemented
-        return self._key == other._key and np.array_equal(self.values, other.values)
-
-    def __hash__(self) -> int:
-        return hash((self._key, self.values.shape))
-
-    @property
-    def _key(self) -> tuple[object, ...]:
-        """All but the samples."""
-        roles = self.inputs, self.outputs
-        return self.channels, self.dt, *roles, self.name, self.starts, self.start_times, self.notes
 
     # ---- making new ones ---------------------------------------------------------------------------------------
 

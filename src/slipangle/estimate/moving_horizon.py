@@ -19,8 +19,7 @@ from slipangle.estimate.window import Window, factor
 from slipangle.fields import Count
 from slipangle.models.model import Model, without_caches
 from slipangle.optimal.engine import Backend, Engine, Start
-from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.realtime.backend import RealTime
+from slipangle.optimal.named import backend_of, require_solver
 from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, coerce, require_names
 
@@ -75,11 +74,7 @@ class MHE(EKF[M]):
                     f"'{name}' is {late:g} s late and the horizon {self.horizon * self.dt:g} s long; expected a "
                     f"horizon of at least {round(late / self.dt)} steps"
                 )
-        known = self.solver in ("ipopt", "realtime") if isinstance(self.solver, str) else hasattr(self.solver, "build")
-        if not known:
-            raise ParameterError(
-                f'the solver is {self.solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
-            )
+        require_solver(self.solver)
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs: the settings, nothing compiled."""
@@ -93,9 +88,7 @@ class MHE(EKF[M]):
     @cached_property
     def engine(self) -> Engine:
         """The solver built for it."""
-        named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
-        backend = named[self.solver] if isinstance(self.solver, str) else self.solver
-        return backend.build(self.window.ocp, None)
+        return backend_of(self.solver).build(self.window.ocp, None)
 
     def begin(self, measured: Mapping[str, float]) -> MovingHorizon:
         """An estimator before its first sample, where channels by name say what the state is about."""

@@ -13,7 +13,7 @@ from scipy import interpolate
 from slipangle.data.numerals import decoded, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
-from slipangle.paths.headings import in_metres, said_of_columns
+from slipangle.paths.track_columns import in_metres, said_of_columns
 
 MOST_POINTS = 100_000  # of a track's line
 _FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.events import Event, level_step, quantity
+from slipangle.data.quality.events import Event, level_step, quantity, runs
 
 _MOVING = ("speed", "angular rate", "angle", "acceleration")  # what a pedal does between two gears is none
 _LONGEST = 1.0  # s
@@ -47,17 +47,14 @@ def find_dropouts(data: Dataset, channel: str) -> Dropout | None:
     if not len(steps):
         return None
     usual = max(float(np.percentile(np.abs(steps), _USUAL)), level_step(data[channel]))
-    found: list[tuple[int, int, float]] = []
-    for start, part in zip(data.starts, data.experiments, strict=True):
-        x = part[channel]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (x == 0).astype(int), [0]]))).reshape(-1, 2)
-        for a, b in edges.tolist():
-            if a == 0 or b == len(x) or (b - a) * data.dt > _LONGEST:
-                continue
-            before, after = float(x[a - 1]), float(x[b])
-            falls = min(abs(before), abs(after)) > _STEP * usual
-            if falls and abs(after - before) < _BACK * abs(before):
-                found.append((start + a, b - a, before))
+    x, found = data[channel], list[tuple[int, int, float]]()
+    for a, b in runs(data, x == 0):
+        if a in data.starts or b in data.stops or (b - a) * data.dt > _LONGEST:
+            continue
+        before, after = float(x[a - 1]), float(x[b])
+        falls = min(abs(before), abs(after)) > _STEP * usual
+        if falls and abs(after - before) < _BACK * abs(before):
+            found.append((a, b - a, before))
     if len(found) < _FEWEST:
         return None
     row, _, size = found[0]

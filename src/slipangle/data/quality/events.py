@@ -276,3 +276,13 @@ def _rows_apart(x: np.ndarray, threshold: float) -> list[int]:
             if 0.6 < stays < 1.4:
                 kept.append(k)
     return kept
+
+
+def runs(data: Dataset, where: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (start, stop) of each run of samples, none across the border of two experiments."""
+    found, offset = [], 0
+    for part in data.experiments:
+        edges = np.flatnonzero(np.diff([0, *where[offset : offset + len(part)].astype(int), 0])).reshape(-1, 2)
+        found += [(offset + a, offset + b) for a, b in edges.tolist()]
+        offset += len(part)
+    return found

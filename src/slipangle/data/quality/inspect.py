@@ -10,7 +10,17 @@ from scipy.ndimage import uniform_filter1d
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.dropouts import Dropout, find_dropouts
-from slipangle.data.quality.events import Jump, Spike, Wrap, despike, find_jumps, find_spikes, find_wrap, level_step
+from slipangle.data.quality.events import (
+    Jump,
+    Spike,
+    Wrap,
+    despike,
+    find_jumps,
+    find_spikes,
+    find_wrap,
+    level_step,
+    runs,
+)
 from slipangle.errors import ExcitationError, TooShortError
 from slipangle.shown import Shown
 from slipangle.units import read_in
@@ -302,16 +312,6 @@ def _small(data: Dataset, name: str) -> np.ndarray:
     n = max(round(_SMOOTH / data.dt), 1)
     means = [uniform_filter1d(part[name], n, mode="nearest") for part in data.experiments]
     return np.abs(np.concatenate(means)) < _STRAIGHT * np.quantile(np.abs(data[name]), _MOST)
-
-
-def runs(data: Dataset, where: np.ndarray) -> list[tuple[int, int]]:
-    """Rows (start, stop) of each run of samples, none across the border of two experiments."""
-    found, offset = [], 0
-    for part in data.experiments:
-        edges = np.flatnonzero(np.diff([0, *where[offset : offset + len(part)].astype(int), 0])).reshape(-1, 2)
-        found += [(offset + a, offset + b) for a, b in edges.tolist()]
-        offset += len(part)
-    return found
 
 
 def resting(data: Dataset, name: str) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.inspect import runs
+from slipangle.data.quality.events import runs
 from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
 

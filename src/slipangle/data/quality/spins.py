@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.inspect import runs
+from slipangle.data.quality.events import runs
 
 _SIDEWAYS = 0.7  # v_y over v_x, of a car that faces elsewhere than it goes
 _TURNED = 1.2  # tangent of a steering angle that turns a car so, further than road wheels do

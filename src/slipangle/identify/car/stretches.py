@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.quality.inspect import runs
+from slipangle.data.quality.events import runs
 from slipangle.data.quality.spins import spinning
 from slipangle.errors import MissingColumnError, TooShortError
 from slipangle.identify.car.corrections import RECORDING

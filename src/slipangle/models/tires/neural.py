@@ -49,7 +49,7 @@ class NeuralCurve(Checked, Equal):
     network: Network
     inputs: tuple[CurveInput, ...] = ("slip",)
     outside: Literal["hold", "extrapolate"] = "hold"
-    fit_info: FitInfo | None = field(default=None, repr=False)
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()

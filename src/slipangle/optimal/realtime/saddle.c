@@ -62,11 +62,7 @@ static int step_aside(Work *s, double side)
         s->u[a] += side * s->falls_u[a];
     for (int a = 0; a < (NS + 1) * NX; a++)
         s->x[a] += side * s->falls_x[a];
-    keep_inputs(s);
-    forget_rows(s);
-    price_limits(s, 0);
-    s->fresh = GIVEN;
-    return converge(s, s->max_iterations - s->iterations, 0);
+    return go_on(s);
 }
 
 /* What ended at such a point goes on from either side of it, and stays there if that leads to nothing better. */

@@ -1281,6 +1281,16 @@ static void recall_iterate(Work *s)
     s->cost = s->left_numbers[0], s->violation = s->left_numbers[1], s->residual = s->left_numbers[2];
 }
 
+/* Iterate from the inputs and states at hand. */
+static int go_on(Work *s)
+{
+    keep_inputs(s);
+    forget_rows(s);
+    price_limits(s, 0);
+    s->fresh = GIVEN;
+    return converge(s, s->max_iterations - s->iterations, 0);
+}
+
 /* What many steps, or one that was cut short, lead to may be a local optimum, dearer than the inputs that the solve began
    with and the states that these lead to. Then it begins anew from those, and stays there if that is the better one. */
 static int begin_cheaper(Work *s, int status)
@@ -1295,9 +1305,7 @@ static int begin_cheaper(Work *s, int status)
         ends(s, LINEARISE);
         merit(s, &cost, &violation);
         if (violation <= FEASIBLE && 2 * cost < s->cost - DEARER * fabs(s->cost)) {
-            forget_rows(s);
-            s->fresh = GIVEN;
-            if (converge(s, s->max_iterations - s->iterations, 0) == SOLVED && s->cost < s->left_numbers[0])
+            if (go_on(s) == SOLVED && s->cost < s->left_numbers[0])
                 return SOLVED;
             price_limits(s, 0);
         }

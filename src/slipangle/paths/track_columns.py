@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 
+from slipangle import units
 from slipangle.data.race import equirectangular
 from slipangle.errors import FormatError, ParameterError
 
-_METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048}
 _PLACES = r"(x|east(ing)?|pos_?x)\b|x_|lon|lng|lat", r"(y|north(ing)?|pos_?y)\b|y_|lat|lon|lng"
 _UNIT = re.compile(r"[\s_\[(/]+(mm|cm|km|m|ft|deg|rad)[\])]?$")
 
@@ -35,15 +35,15 @@ def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.nd
     """
     if len(columns) != table.shape[1]:
         return table, None
-    units = [found.group(1) if (found := _UNIT.search(name)) else "" for name in columns]
+    said = [found.group(1) if (found := _UNIT.search(name)) else "" for name in columns]
     order = [next((j for j in (0, 1) if columns[j].startswith(words)), None) for words in (("lat",), ("lon", "lng"))]
     table = table.copy()
-    table[:, 2:] *= [_METRES.get(unit or units[0], 1.0) for unit in units[2:]]
+    table[:, 2:] *= [_metres(unit or said[0]) for unit in said[2:]]
     if None in order:
-        table[:, :2] *= [_METRES.get(unit, 1.0) for unit in units[:2]]
+        table[:, :2] *= [_metres(unit) for unit in said[:2]]
         return table, None
     places = table[:, order]  # type: ignore[index]
-    lat, lon = (places if "rad" in units[:2] else np.radians(places)).T
+    lat, lon = (places if "rad" in said[:2] else np.radians(places)).T
     try:
         table[:, 0], table[:, 1] = equirectangular(lat, lon)
     except ParameterError:
@@ -52,3 +52,8 @@ def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.nd
             "expected degrees within 90 and 180: correct the heading, or name the columns x_m, y_m"
         ) from None
     return table, (float(lat[0]), float(lon[0]))
+
+
+def _metres(unit: str) -> float:
+    """Of a unit of length; 1 of others and of none."""
+    return float(units.to_si(1.0, unit)) if unit and units.quantity(unit) == "length" else 1.0
