@@ -30,7 +30,7 @@ _LATE = 0.15  # s
 _SIDEWAYS = 15.0  # m/s2 of v_x r, from which r is not in rad/s
 _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
-_FOLLOWS, _MORE = 0.75, 0.1  # that correlation of v_y, and by how much it is beyond r's, from which they are swapped
+_FOLLOWS = 0.75  # that correlation of v_y, from which they are swapped where r's is below _AGREE
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
@@ -338,10 +338,10 @@ def _slips(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[np.ndarra
 
 
 def _swapped(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> bool:
-    """Whether v_y follows delta as r should, more and by more than r, either way, and r is what v_y is beside it."""
+    """Whether v_y follows delta as r should, which r does not, as one that is late still does, and r is as v_y is."""
     if "v_y" not in smooth or "delta_r" in smooth:  # a wrong one of which would hide how r follows delta
         return False
     back = smooth | {"r": smooth["v_y"], "v_y": smooth["r"]}
     (small, here), (large, there) = (_asked(each, wheelbase, drives)[:2] for each in (smooth, back))
-    follows = there > max(_FOLLOWS, abs(here) + _MORE) and large > abs(small)
+    follows = there > _FOLLOWS and abs(here) < _AGREE and large > abs(small)
     return follows and _slips(back, drives)[1] > _TIED
