@@ -206,12 +206,16 @@ WARNS = {
     "identify/networks/narx_free_run.py": (1, ("no free run on the held-out part stayed finite",)),
     "identify/physics/grey_box.py": (
         1,
-        ("the data do not determine", "can hardly be told apart", "the outputs do not depend on", "ends at its bound"),
+        (
+            *("the data do not determine", "can hardly be told apart", "the outputs do not depend on"),
+            *("ends at its bound", "between their samples rather than"),
+        ),
     ),
     "identify/stability.py": (
         1,
         (
             *("the model is unstable: it has a pole of modulus", "do not tell the effect of", "is coloured ("),
+            "looks white, but a free run of the model tells",
             "the data have a level that a model without a constant cannot hold",
         ),
     ),

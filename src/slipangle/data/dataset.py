@@ -27,6 +27,8 @@ from slipangle.shown import Brief, Shown
 
 _MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
 
+MEANS, HELD = "inputs are means over each sample interval", "inputs are held for a sample"  # notes of `hold_...`
+
 
 @dataclass(frozen=True)
 class Channel(Brief):
@@ -386,7 +388,14 @@ class Dataset(InFrames, Shown, Equal):
             for name in self.inputs:
                 x = data.values[a:b, self.index(name)]
                 table[a : b - 1, self.index(name)] = 0.5 * (x[:-1] + x[1:])
-        return replace(data, values=table, notes=(*data.notes, "inputs are means over each sample interval"))
+        return replace(data, values=table, notes=(*data.notes, MEANS))
+
+    def hold_sample(self) -> Self:
+        """The same data, whose user says that each input was held until the next sample, as a controller holds it.
+
+        Intervals of a `GreyBox` then need not take in inputs that go on between the samples.
+        """
+        return self.with_note(HELD)
 
     def detrend(self, offsets: Mapping[str, float] | None = None) -> tuple[Self, dict[str, float]]:
         """Subtract offsets from inputs and outputs, by default their means; gives what was subtracted, too. [SI]

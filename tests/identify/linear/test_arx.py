@@ -317,6 +317,36 @@ def test_an_arx_model_says_when_coloured_noise_biases_it(colour):
     assert sum(coloured) == (0 if colour == "its own" else 40)
 
 
+@pytest.mark.parametrize("outputs", [1, 2])
+def test_many_lags_that_whiten_the_noise_of_an_output_do_not_hide_its_bias(outputs):
+    """With 8 lags the residual is white, as a test by its own past goes, and the gain still too small."""
+
+    def said(colour, seed):
+        pairs = [with_noise(colour, 10 * seed + i, 3000) for i in range(outputs)]
+        names = range(outputs)
+        data = Dataset.from_arrays(
+            {f"u{i}": pairs[i]["u"] for i in names}, {f"y{i}": pairs[i]["y"] for i in names}, 0.1
+        )
+        return ARX(na=8, nb=8).fit(join(data.head(1200), data.rows(1200, 3000))).fit_info.warnings
+
+    for colour, times in (("its own", 0), ("output", outputs)):
+        for seed in range(15):
+            sentences = said(colour, seed)
+            assert sum("a free run of the model tells" in s or "is coloured" in s for s in sentences) == times
+    assert sum("looks white" in s for seed in range(15) for s in said("output", seed)) > 5
+
+
+def test_a_loop_around_noise_of_the_equation_is_no_noise_of_the_output():
+    """A controller hands the noise on to later inputs; least squares stays unbiased, and nothing is said."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        y, u = np.zeros(1500), np.zeros(1500)
+        for k in range(2, 1500):
+            y[k] = 1.5 * y[k - 1] - 0.7 * y[k - 2] + 0.2 * u[k - 1] + 0.1 * u[k - 2] + 0.1 * rng.standard_normal()
+            u[k] = -0.8 * y[k] + rng.standard_normal()
+        assert ARX(na=3, nb=3).fit(Dataset.from_arrays({"u": u}, {"y": y}, 0.1)).fit_info.warnings == ()
+
+
 def test_experiments_too_short_for_the_lags_tell_no_colour():
     data = with_noise("drift", 0)
     short = join(*(data.rows(a, a + 2 + a % 3) for a in range(0, 200, 5)), data.rows(200, 800), data.rows(800, 805))

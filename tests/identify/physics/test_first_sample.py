@@ -37,7 +37,7 @@ def records(model, rng, count, noise=0.05, n=200, size=0.5):
         seen = dict(zip(("x", "v"), x.T, strict=True))
         outputs = {name: seen.pop(name) for name in model.outputs}
         made.append(Dataset.from_arrays({"u": u}, outputs, DT, extra=seen))
-    return join(*made)
+    return join(*made).hold_sample()
 
 
 def fitted(model, data, **more):

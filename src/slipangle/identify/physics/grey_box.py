@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.physics.advise import better_sentences
+from slipangle.identify.physics.between_samples import between_samples, hold_said
 from slipangle.identify.physics.first_sample import start_noise
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum, check_names
 from slipangle.identify.physics.starts import STARTS, best_start
@@ -61,6 +62,10 @@ class GreyBox(Checked, Generic[M]):
         (`OdeModel.several_minima`), such as the nonlinear bicycle, else 1.
     seed : int
         Of these places.
+
+    A log does not say how its inputs move between the samples, and the model holds them. So intervals take in inputs
+    that go on in straight lines, as far as the outputs do not tell which it is, and a warning says so where they
+    tell lines. `Dataset.hold_mean` and `Dataset.hold_sample` say it of the data.
 
     References
     ----------
@@ -120,6 +125,10 @@ def finish(
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     known, loose, colour = _uncertainty(problem, found, kept)
+    moved = between_samples(problem, found, known / np.outer(scale, scale)) if kept is None and not loose.size else None
+    before = np.sqrt(np.maximum(np.diag(known), 0))
+    if moved:  # the second moment about the values
+        known = known + moved.chance * np.outer(moved.shift * scale, moved.shift * scale)
     spread = uncertainty.unlimited(known, loose)
     values = found.z[:n_p] * scale
     metadata = [problem.model.si(n) for n in problem.base_names]
@@ -128,7 +137,7 @@ def finish(
     values = np.clip(values, *problem.ranges)
     std = np.sqrt(np.maximum(np.diag(spread), 0))
     said = _notes(problem, found, values, std, advised=problem.run.compiled and kept is None)
-    said += more
+    said += [*more, *(hold_said(moved, problem, values, before) if moved else ())]
     if found.diverged:
         said.append(
             "the free run of the fitted model leaves the finite numbers on its own training data; expected one that "

@@ -1,0 +1,96 @@
+"""What a free-run fit hangs on how inputs move between their samples, which no log says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slipangle.data.dataset import HELD, MEANS, Dataset
+from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum
+from slipangle.numerics.covariance import inverse_information
+
+_DECIDED = 12.0  # difference of the squared errors, in noise variances, from which the outputs tell it: 400 to 1
+_TOLD = 1.0  # standard deviations that a parameter moves, from which an interval no longer holds and a word is said
+
+
+class BetweenSamples(NamedTuple):
+    """How the free parameters, in their scaled units, move if inputs go the other way between their samples."""
+
+    shift: np.ndarray  # (n_p,), to first order
+    to_lines: bool  # whether the other way is straight lines, in place of steps
+    told: bool  # whether the outputs tell that it is the true one
+    chance: float  # that it is, before the data say or their user did as likely as not
+
+
+def between_samples(problem: FreeRunProblem, found: Minimum, known: np.ndarray) -> BetweenSamples | None:
+    """What straight lines in place of steps, or the reverse, would change at a minimum; None where none can be run.
+
+    A model holds its inputs for a sample. If the true ones went on moving, it is half a sample late, and parameters
+    that make up for it, such as a delay or an inertia, move by what one Gauss-Newton step says; of means over each
+    sample, as `Dataset.hold_mean` makes them for inputs that go on, the reverse. ``known`` is the scaled covariance of
+    the parameters, shape (n_p, n_p): noise that widens it makes the outputs tell less, too.
+    """
+    notes = problem.data.notes
+    to_lines = MEANS not in notes
+    if found.diverged or not np.isfinite(known).all() or (not to_lines and notes[-1] != MEANS):
+        return None
+    other = problem.data.hold_mean() if to_lines else _before_means(problem.data)
+    runs = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        for i, part in enumerate(other.experiments):
+            x0, slope = problem.initial(i, found.z)
+            run = problem.run(x0, slope[:, :0], problem.model.drive_rows(part), problem.parameters(i, found.z))
+            runs.append((run[1:, :, 0] - problem.measured[i][1:]) / problem.sigma)
+    error = np.concatenate(runs).ravel()
+    if not np.isfinite(error).all():
+        return None
+    inverse, square = inverse_information(found.jacobian), float(found.error @ found.error)
+    shift = -inverse @ (found.jacobian.T @ (error - found.error))  # a fit that stopped early moves by itself, too
+    white = np.diag(inverse)[: problem.n_p] * square / len(error)
+    sure = white > 0
+    colour = max(1.0, float(np.median(np.diag(known)[sure] / white[sure]))) if sure.any() else 1.0
+    left = error + found.jacobian @ shift
+    gain = (square - float(left @ left)) / max(colour * square / len(error), 1e-300)
+    chance = 1.0 / (1.0 + np.exp(-0.5 * np.clip(gain, -200, 200))) if not {MEANS, HELD} & {*notes} else 0.0
+    return BetweenSamples(shift[: problem.n_p], to_lines, gain > _DECIDED, 1.0 if gain > _DECIDED else chance)
+
+
+def _before_means(data: Dataset) -> Dataset:
+    """Inputs of which the data's are the means over each sample, but for a share that turns its sign at each sample.
+
+    Of that share, which means do not know, there is as much as makes the inputs smoothest.
+    """
+    table = data.values.copy()
+    for a, b in zip(data.starts, data.stops, strict=True):
+        sign = (-1.0) ** np.arange(b - a)
+        for name in data.inputs:
+            means = table[a : b - 1, data.index(name)]
+            x = sign * np.append(np.cumsum(2 * (sign[:-1] * means)[::-1])[::-1], 0.0)
+            if b - a > 2:
+                x -= sign * (np.mean(np.diff(x, 2) * sign[:-2]) / 4)
+            table[a:b, data.index(name)] = x
+    return replace(data, values=table)
+
+
+def hold_said(moved: BetweenSamples, problem: FreeRunProblem, values: np.ndarray, std: np.ndarray) -> list[str]:
+    """A sentence where the outputs tell that inputs go the other way and parameters would leave their intervals."""
+    shift = moved.shift * problem.scale[: problem.n_p]
+    far = [i for i in range(problem.n_p) if abs(shift[i]) > _TOLD * std[i]]
+    if not moved.told or not far:
+        return []
+    units = [problem.model.si(n).unit for n in problem.base_names]
+    each = ", ".join(_moved(problem.names[i], values[i], values[i] + shift[i], units[i]) for i in far)
+    ways = "inputs that go on in straight lines between their samples", "inputs that are held for a sample"
+    follow, rather = ways if moved.to_lines else ways[::-1]
+    fix = (
+        "their means over each sample: fit to data.hold_mean() (hold = 'mean' in a job)"
+        if moved.to_lines
+        else "inputs as they were held: fit to the data without hold_mean() (hold = 'sample' in a job)"
+    )
+    return [f"the outputs follow {follow} rather than {rather}: {each}; the intervals take in both; expected {fix}"]
+
+
+def _moved(name: str, now: float, then: float, unit: str) -> str:
+    return f"{name} {now:.4g} would be about {then:.4g}{'' if unit in ('-', '') else ' ' + unit}"
