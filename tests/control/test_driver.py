@@ -152,8 +152,12 @@ def test_commands_say_how_the_drive_is():
     assert "should stop" in blind.message
     for k in range(10):  # too quick for a car at first
         slow = whole.step({"v_x": 0.5 + 1e-6 * k}, t + 0.5 + 0.02 * k)
-    assert "creeps" in slow.message
-    assert whole.step({"v_x": 0.4}, t + 1.0)["delta"] == slow["delta"]
+    assert slow.plan is None  # it creeps
+    assert (slow.wanted_v_x, "position is not known" in slow.message) == (0.0, True)
+    again = whole.step({"v_x": 0.4, "X": 9.0, "Y": 0.2, "psi": 0.0}, t + 1.0)
+    assert again["delta"] == slow["delta"]
+    assert "creeps" in again.message
+    assert again.wanted_v_x == 25.0
     with pytest.raises(ParameterError, match="do not go back"):
         whole.step({}, 0.9)
     whole.reset()

@@ -76,6 +76,10 @@ def test_slow_stamps_of_other_processes_are_said(log):
     data = read_csv(log(f"t,heating,temperature\n{rows}"))
     assert data.dt == 20.0
     assert any("names no unit: its steps of 20 are taken as seconds" in note for note in data.notes)
+    quick = "".join(f"{k},{0.1 * (k % 3)},{0.2 * (k % 5)}\n" for k in range(40))
+    drive, other = (read_csv(log(f"t,{names}\n{quick}")) for names in ("delta,r", "heating,temperature"))
+    assert any("its steps of 1 are taken as seconds; if they are not, name the unit as" in n for n in drive.notes)
+    assert not any("taken as seconds" in note for note in other.notes)
     named = read_csv(log(f"t [s],heating,temperature\n{rows}"))
     assert not any("taken as seconds" in note for note in named.notes)
 

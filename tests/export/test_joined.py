@@ -238,8 +238,10 @@ def test_compilers_have_nothing_to_say(kind, compiler_, precision, tmp_path):
     project = written(thing, tmp_path, precision, name="racer")
     for file in [*(s.replace("car", "racer") for s in project.sources), "main.c"]:
         run(compiler_, *STRICT, "-O1", "-fsyntax-only", file, folder=tmp_path)
+        run(compiler_, *STRICT, "-DRACER_LANES=1", "-DRACER_JOINED_LANES=1", "-fsyntax-only", file, folder=tmp_path)
     if compiler_ == "gcc":
         needs("g++")
+        assert "-DRACER_LANES=1" in (tmp_path / "README.md").read_text() or kind == "driver"
         (tmp_path / "use.cpp").write_text('#include "racer.hpp"\nint main() { return 0; }')
         run("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "use.cpp", folder=tmp_path)
 

@@ -282,6 +282,42 @@ def test_headings_say_the_units_of_a_track(tmp_path, heading, units):
     assert path.origin is None
 
 
+def test_columns_of_a_track_go_by_their_headings(tmp_path):
+    """In any order, others left out; a width alone is that of the whole track; without headings by place."""
+    angle, file = np.linspace(0, 2 * np.pi, 60, endpoint=False), tmp_path / "ring.csv"
+    known = {"s_m": 50 * angle, "x_m": 50 * np.cos(angle), "y_m": 50 * np.sin(angle), "psi_rad": angle + np.pi / 2}
+    known |= {"v [km/h]": 0 * angle + 90, "right_m": 0 * angle + 3, "left_m": 0 * angle + 4, "width_m": 0 * angle + 8}
+    known |= {"East [m]": known["x_m"], "North [m]": known["y_m"]}
+
+    def read(*names, heading=True):
+        rows = np.column_stack([known[n] for n in names])
+        text = "\n".join(",".join(f"{v:.9f}" for v in row) for row in rows)
+        file.write_text(",".join(names) + "\n" + text if heading else text)
+        return Path.from_file(file)
+
+    plain = read("x_m", "y_m", "right_m", "left_m", heading=False)
+    for names in (
+        ("s_m", "x_m", "y_m", "right_m", "left_m", "psi_rad", "v [km/h]"),
+        ("left_m", "y_m", "x_m", "right_m"),
+        ("North [m]", "East [m]", "v [km/h]", "left_m", "right_m"),
+    ):
+        path = read(*names)
+        np.testing.assert_array_equal(
+            (path.X, path.Y, path.right, path.left), (plain.X, plain.Y, plain.right, plain.left)
+        )
+    for names in (("s_m", "x_m", "y_m", "v [km/h]"), ("x_m", "y_m", "psi_rad", "v [km/h]")):
+        path = read(*names)
+        np.testing.assert_array_equal((path.X, path.Y), (plain.X, plain.Y))
+        assert path.right is path.left is None
+    path = read("x_m", "y_m", "v [km/h]", "width_m")
+    assert path.right[0] == path.left[0] == 4
+    with pytest.raises(FormatError, match=r"is headed s_m, v \[km/h\]; expected one x and one y"):
+        read("s_m", "v [km/h]")
+    known["right_m"] = -known["right_m"]
+    with pytest.raises(FormatError, match=r"has a width of -3 m; expected distances"):
+        read("x_m", "y_m", "right_m", "left_m")
+
+
 @pytest.mark.parametrize(
     "heading", ["lat,lon,w,w", "# longitude [deg], latitude [deg], right [cm], left [cm]", "lng,lat"]
 )

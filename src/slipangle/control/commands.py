@@ -11,9 +11,16 @@ import numpy as np
 from slipangle.optimal.solution import NEW, Health, Plan, Status
 from slipangle.paths.path import Path
 
-HINDERED = ("", "the speed is not known yet", "the car stands or creeps", "the pose is not known yet")
+HINDERED = ("", "the speed is not known", "the car stands or creeps", "the pose is not known")
 STAY = "the wheels stay where they are"
-LOST_PLACE = "the position is not known any more, the car should stop"
+UNSURE = (  # why a car that moves should stop, in the order of the reasons after those above
+    "the position is not known any more, the car should stop",
+    "the speed was not measured for a second, the car should stop",
+    "speed and positions contradict each other, the car should stop",
+    "the path has ended, the car should stop",
+    "the car faces away from the path, it should stop",
+    "the car is far beside the path",  # the last one says no more than that
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

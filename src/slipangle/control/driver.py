@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, LOST_PLACE, STAY, Commands
+from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands
 from slipangle.control.default_drive import (
     DOUBTED,
     TRUSTED,
@@ -26,6 +26,7 @@ from slipangle.control.front_slip import grip_left
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
+from slipangle.control.watch import BESIDE, LOST, Watch
 from slipangle.errors import ParameterError, SimulationError
 from slipangle.estimate.ekf import EKF
 from slipangle.models.model import Model
@@ -34,13 +35,14 @@ from slipangle.optimal.checks import NUMBER, Plausible
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
 from slipangle.paths.path import Path
+from slipangle.paths.preview import Projection
 from slipangle.shown import Brief
 
 # For a road car; lengths scale with the wheelbase, speeds with its root.
 SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
 LONGEST_GAP = 1.0  # s between two calls, after which the estimator starts anew
 JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at once and over time
-LOST = 1.0  # m of standard deviation of the position from which the car should stop
+UNCERTAIN = 1.0  # m of standard deviation of the position from which the car should stop
 
 
 class Driver(Brief):
@@ -117,7 +119,8 @@ class Driver(Brief):
             )
         require_names(POSE, whole.states, "the driver", "use a model on the ground")
         size = size_of(whole)
-        self._slowest, self._jump, self._lost = SLOWEST * math.sqrt(size), JUMP * math.sqrt(size), LOST * size
+        self._slowest, self._jump, self._lost = SLOWEST * math.sqrt(size), JUMP * math.sqrt(size), UNCERTAIN * size
+        self._size = size
         self.speed = None if speed is None else replace(speed, dt=self.dt)
         self.steering = self.controller.controls[0]
         self._targets = SteadyStates(whole, self.steering)
@@ -155,6 +158,7 @@ class Driver(Brief):
         self._steered = 0.0
         self._last: Commands | None = None
         self._surprise = UNKNOWN
+        self._watch = Watch(self.path, self._size, self._lost)
 
     def with_parts(self, *, speed: SpeedDriver | None = None, estimator: Any = None) -> Driver:
         """A driver at its start with this speed law, or none, and this estimator, by default the same one.
@@ -214,8 +218,12 @@ class Driver(Brief):
     def _gather(self, measurements: Mapping[str, float], t: float, tick: int) -> None:
         """Note new values; a pose is moved to the estimator's sample that it will count for."""
         for name, value in measurements.items():
-            value = float(value)
-            if self._raw.get(name) == value or not self._believed(name, value, t):
+            value = math.nan if value is None else float(value)
+            same = self._raw.get(name) == value
+            if not same and not self._believed(name, value, t):
+                continue
+            self._watch.note(name, t)
+            if same:
                 continue
             self._raw[name] = value
             if name == "v_x":
@@ -249,13 +257,18 @@ class Driver(Brief):
 
     def _observe(self, behind: int) -> str:
         """Bring the estimate to now, ``behind`` samples after the last; what hinders, empty if nothing does."""
-        moving, begun = self._v_x if "v_x" in self._raw else math.nan, set[str]()
+        moving, begun = self._v_x if self._watch.speed_known(self._now) else math.nan, set[str]()
+        here = (self._raw["X"], self._raw["Y"]) if {"X", "Y"} <= self._pending.keys() else None
+        ago = max((self._now - self._seen[n] for n in ("X", "Y") if n in self._seen), default=0.0)
+        self._watch.move(self._now, self._v_x, behind * self.dt, ago, here)
+        if self._tracker is not None and math.isnan(moving):
+            moving = self._v_x  # it goes on with what it knows, and should stop
         if not moving >= self._slowest:
             self._tracker, self._plan = None, None
             self._pending.clear()
             return HINDERED[1] if math.isnan(moving) else HINDERED[2]
         if self._tracker is None or behind * self.dt > LONGEST_GAP:
-            if not set(POSE) <= self._raw.keys():
+            if not self._watch.pose_known(self._now):
                 return HINDERED[3]
             self._begin()
             behind, begun = 1, self._pending.keys() & self.estimator.begun.keys()
@@ -275,6 +288,8 @@ class Driver(Brief):
         for name, good in zip(self._model.outputs, tracker.taken, strict=True):
             if good or name in begun:
                 self._seen[name] = self._now
+        if self._seen.get("X") == self._seen.get("Y") == self._now:
+            self._watch.see()
         if self._trusts and not math.isnan(surprise := tracker.surprise):
             self._surprise += self.dt / TRUSTED * (min(surprise, DOUBTED) - self._surprise)
         self._pending.clear()
@@ -288,31 +303,39 @@ class Driver(Brief):
     def _decide(self, hindered: str) -> Commands:
         """Commands from the estimate now."""
         if hindered or self._tracker is None:
-            place = [self._raw.get(n, math.nan) for n in ("X", "Y")]
-            if all(map(math.isfinite, place)):
-                self._project(*place)
-            s = self._s if math.isfinite(self._s) else 0.0
-            known = "v_x" in self._raw and math.isfinite(self._s)
-            wanted = self.path.speed(s) if known else 0.0
-            nothing = np.zeros(self._model.n_states)
-            message = f"{hindered}, {STAY}"
-            return self._commands(wanted, s, 0.0, (nothing, np.full_like(nothing, np.inf)), message)
+            return self._waiting(hindered)
         x, std = self._tracker.state, self._tracker.state_std
-        e_y = self._project(x[self._motion[0]], x[self._motion[1]])
+        X, Y, psi = (float(x[i]) for i in self._motion)
+        foot = self._project(X, Y)
         plan = self._plan = self._planned(x)
         self._steered = float(plan.command[0])
         self._tracker.hold(dict(zip(self.controller.controls, plan.command.tolist(), strict=True)))
-        lost = bool(max(std[i] for i in self._motion[:2]) > self._lost)
-        wanted = 0.0 if plan.stopping or lost else self.path.speed(self._s)
-        message = LOST_PLACE if lost else plan.message
-        return self._commands(wanted, self._s, e_y, (x, std), message)
+        at = foot.s, foot.e_y, math.remainder(psi - foot.psi, 2 * math.pi)
+        reason = self._watch.reason(self._now, max(std[i] for i in self._motion[:2]), at)
+        wanted = 0.0 if plan.stopping or 0 < reason < BESIDE else self.path.speed(self._s)
+        message = UNSURE[reason - LOST] if reason else plan.message
+        return self._commands(wanted, self._s, foot.e_y, (x, std), message)
 
-    def _project(self, X: float, Y: float) -> float:
-        """Find the place on the path; the distance to its left. [m]"""
+    def _waiting(self, hindered: str) -> Commands:
+        """Commands of a car that stands, creeps or does not know how it moves: by what was measured last."""
+        place, reason = [self._raw.get(n, math.nan) for n in POSE], LOST
+        if all(map(math.isfinite, place[:2])):
+            foot = self._project(*place[:2])
+            off = 0.0 if self._watch.pose_known(self._now) else math.inf
+            at = foot.s, foot.e_y, math.remainder(place[2] - foot.psi, 2 * math.pi) if math.isfinite(place[2]) else 0.0
+            reason = self._watch.reason(self._now, off, at)
+        s = self._s if math.isfinite(self._s) else 0.0
+        wanted = 0.0 if 0 < reason < BESIDE else self.path.speed(s)
+        nothing = np.zeros(self._model.n_states)
+        message = UNSURE[reason - LOST] if reason and hindered == HINDERED[2] else f"{hindered}, {STAY}"
+        return self._commands(wanted, s, 0.0, (nothing, np.full_like(nothing, np.inf)), message)
+
+    def _project(self, X: float, Y: float) -> Projection:
+        """Find the place on the path."""
         near = self._s if math.isfinite(self._s) else None
         foot = self.path.project(float(X), float(Y), near)
         self._s = foot.s
-        return foot.e_y
+        return foot
 
     def _planned(self, x: np.ndarray) -> Plan:
         preview = self.path.ahead(self._s, self.controller.times, v_x=self._v_x)
@@ -346,7 +369,8 @@ class Driver(Brief):
             values |= dict(zip(self.controller.controls, self._plan.command.tolist(), strict=True))
         if self.speed is not None:
             slope = (self.path.speed(s + 0.5) - self.path.speed(s - 0.5)) * wanted
-            output, self._driving = self.speed.step(self._driving, wanted, self._v_x, slope, grip=self._grip())
+            moving = abs(self._v_x) if wanted == 0 else self._v_x  # brakes stop a car that rolls back, too
+            output, self._driving = self.speed.step(self._driving, wanted, moving, slope, grip=self._grip())
             values |= {n: v for n, v in self.speed.inputs(output).items() if n not in values}
         return Commands(
             values=values,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -100,6 +101,16 @@ class Gates:
         one_side = np.where(error * self._in_row > 0, self._in_row, 0) + np.where(error > 0, 1, -1)
         np.copyto(self._in_row, np.where(off, one_side, 0), where=fresh)
         self.squares[:] = np.where(np.abs(self._in_row) >= self._patience, OPEN, self._closed)
+
+
+FULL_TURN = 2 * math.pi  # rad
+
+
+def headings(model: Any) -> list[int]:
+    """For each output that is the heading of a pose, its state; -1 for the others."""
+    plain = [plain_name(name) for name in model.states]
+    posed = {"X", "Y", "psi"} <= {*plain}
+    return [plain.index("psi") if name == "psi" and posed else -1 for name in model.outputs]
 
 
 class Intake:

@@ -14,7 +14,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError
 from slipangle.estimate.filter import Scales, filter_step, fitted, parametrised, varied
 from slipangle.estimate.filter_run import FilterRun
-from slipangle.estimate.measurements import Gates, Intake, Late, Row, by_name, plain_name
+from slipangle.estimate.measurements import FULL_TURN, Gates, Intake, Late, Row, by_name, headings, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
 from slipangle.models.repeated import as_one
@@ -52,6 +52,7 @@ class RecursiveVehicle:
         self._late = Late(tuple(steps))
         self._rows: deque[Row] = deque(maxlen=self._late.deepest + 1)
         self._intake = Intake(model.outputs, model.inputs)
+        self._headings = [(i, a) for i, a in enumerate(headings(model)) if a >= 0]
         self._P[nx:, nx:] = np.diag([*self._scales.prior, *settings.bias_std.values()]) ** 2
         self.n_samples = 0
         self.restart()
@@ -131,6 +132,9 @@ class RecursiveVehicle:
             )
         np.isfinite(self._y, out=self._finite_y)
         self._seen[:] = self._finite_y
+        for i, a in self._headings:  # instruments say them from -180 to 180 degrees or 0 to 360
+            if self._finite_y[i] and self._dt[0] > 0:
+                self._y[i] += FULL_TURN * math.floor((self._z[a] - self._y[i]) / FULL_TURN + 0.5)
         if not self._finite_y.all():
             self._y[~self._finite_y] = 0.0
         self._estimate()

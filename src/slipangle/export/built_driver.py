@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, LOST_PLACE, STAY, Commands, CompiledDriver
+from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands, CompiledDriver
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.export.built_controller import Counters, output_of, plan_of
 from slipangle.export.built_folder import BuiltFolder, loaded, memory, numbers, view
@@ -142,7 +142,7 @@ class BuiltDriver:
         if 0 < out.reason < LOST:
             message = f"{HINDERED[out.reason]}, {STAY}"
         else:
-            message = LOST_PLACE if out.reason or plan is None else plan.message
+            message = UNSURE[out.reason - LOST] if out.reason or plan is None else plan.message
         age = zip(names["outputs"], view(out, "age").tolist(), strict=True)
         return Commands(
             values=dict(zip(self.controls, view(out, "value").tolist(), strict=True)),

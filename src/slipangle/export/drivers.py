@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -113,6 +114,8 @@ def _source(driver: Driver) -> str:
     ]
     codes = CODES if driver._turns else CODES | {"HEADING": NO_HEADING}
     code = template("driver.c").replace("@MEMORY@", template("driver_memory.c"))
+    begun, rest = code.split("typedef struct {", 1)
+    code = f"{begun}{template('driver_watch.c')}\ntypedef struct {{{rest}"
     return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), code])
 
 
@@ -139,6 +142,7 @@ def _of_model(driver: Driver) -> list[str]:
         "POSE": at(POSE),
         "MOTION": at(POSE, model.states),
         "POSE_OF_OUTPUT": pose,
+        "OUTPUT_OF_POSE": at(POSE, model.outputs),
         "SAME_INPUT": at(model.outputs, model.inputs),
         "BEGUN": [driver.estimator.begun.get(n, -1) for n in model.outputs],
         "PUSHES": [*driver._targets.disturbances, *driver._targets.measured],
@@ -149,7 +153,8 @@ def _of_model(driver: Driver) -> list[str]:
     places = {"STEERING": model.inputs.index(driver.steering), "SPEED": known.index("v_x")}
     # m/s, below which a lateral model does not describe the vehicle; m/s and m/s2 by which a measured speed may change
     # at once and over time; m of standard deviation of the position from which the vehicle should stop
-    sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost}
+    sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost, "HALF_TURN": math.pi}
+    sized |= driver._watch.numbers
     lines += [f"#define {n} {number(v)}" for n, v in sized.items()]
     return [*lines, *(f"#define {n} {v}" for n, v in places.items())]
 

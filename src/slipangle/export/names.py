@@ -51,4 +51,4 @@ def comment(text: str) -> str:
 def with_prefix(text: str, name: str) -> str:
     """A template, which calls everything ``car_...``, for a project of another name."""
     words = {"car": name, "CAR": name.upper()}
-    return re.sub(r"\b(car|CAR)(?=_|\b)", lambda m: words[m[0]], text)
+    return re.sub(r"(?:\b|(?<=-D))(car|CAR)(?=_|\b)", lambda m: words[m[0]], text)

@@ -13,7 +13,7 @@ from scipy import interpolate
 from slipangle.data.numerals import decoded, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
-from slipangle.paths.track_columns import in_metres, said_of_columns
+from slipangle.paths.track_columns import chosen, in_metres, said_of_columns
 
 MOST_POINTS = 100_000  # of a track's line
 _FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
@@ -111,6 +111,8 @@ def limit_rise(
 def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
 
+    Where a line heads the columns, they go by their names, in any order, and others are left out (`chosen`).
+
     And latitude and longitude of its origin [rad], where its headings say that it has such, see `in_metres`.
 
     Raises MissingFileError if there is no such file, FormatError if a line does not hold two or four numbers, as many
@@ -124,7 +126,8 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not rows:
-            swapped, columns = swapped or _left_first(line), said_of_columns(line) or columns
+            swapped, said = swapped or _left_first(line), said_of_columns(line)
+            columns = said if said and not (line.lstrip().startswith("#") and chosen(said) is None) else columns
             content = "" if re.fullmatch(r"[^\d]*[a-z]{2}[^\d]*", content, re.I) else content  # headings
         if not content:
             continue
@@ -136,7 +139,8 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
             ) from None
         if not all(map(math.isfinite, row[:2])):
             raise NotFiniteError(f"line {number} of '{source.name}' is {shown(content)}; expected a finite x and y")
-        if len(row) not in (2, 4) or len(row) != len(rows[0] if rows else row):
+        columns = columns if rows or len(columns) == len(row) else []
+        if (len(row) not in (2, 4) and not columns) or len(row) != len(rows[0] if rows else row):
             raise FormatError(
                 f"line {number} of '{source.name}' has {len(row)} numbers; expected x, y or x, y, width right, "
                 "width left on every line"
@@ -147,8 +151,23 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
     table = np.array(rows)
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
+    if columns:
+        places = chosen(columns)
+        if places is None:
+            raise FormatError(
+                f"'{source.name}' is headed {', '.join(columns)}; expected one x and one y among them, such as x_m, "
+                "y_m, w_tr_right_m, w_tr_left_m: name the columns"
+            )
+        table, columns = table[:, places], [columns[j] for j in places]
     table, origin = in_metres(table, columns, source.name)
-    return (table[:, [0, 1, 3, 2]] if swapped and table.shape[1] == 4 else table), origin
+    if columns and len(table.T) == 4 and places[2] == places[3]:
+        table[:, 2:] *= 0.5
+    if (table[:, 2:] < 0).any():
+        raise FormatError(
+            f"'{source.name}' has a width of {table[:, 2:].min():g} m; expected distances to the right and left edge "
+            "from 0 on"
+        )
+    return (table[:, [0, 1, 3, 2]] if swapped and not columns and table.shape[1] == 4 else table), origin
 
 
 def _left_first(line: str) -> bool:

@@ -10,16 +10,34 @@ from slipangle import units
 from slipangle.data.race import equirectangular
 from slipangle.errors import FormatError, ParameterError
 
-_PLACES = r"(x|east(ing)?|pos_?x)\b|x_|lon|lng|lat", r"(y|north(ing)?|pos_?y)\b|y_|lat|lon|lng"
+_PLACES = r"(x|east(ing)?|pos_?x)\b|x_|lon|lng", r"(y|north(ing)?|pos_?y)\b|y_|lat"
+_WIDTHS = "right", "left", r"^(track_?)?(w\b|w_|width)"
 _UNIT = re.compile(r"[\s_\[(/]+(mm|cm|km|m|ft|deg|rad)[\])]?$")
 
 
 def said_of_columns(line: str) -> list[str]:
-    """Names of columns with their units, in lower case, of a line that heads a track; none of any other line."""
+    """Names of columns with their units, in lower case, of a line that may head a track; none of one with a number."""
     names = [name.strip().lower() for name in re.split(r"[,;\t]", line.replace("#", " "))]
     if len(names) == 1:
         names = names[0].split()
-    return names if len(names) > 1 and all(map(re.match, _PLACES, names)) else []
+    worded = all(re.match(r"[a-z]", name) for name in names)
+    return names if len(names) > 1 and worded else []
+
+
+def chosen(columns: list[str]) -> list[int] | None:
+    """Which columns are x, y and, where both are there, the widths to the right and left; None without x and y.
+
+    Widths that name no side are those to the right and left, if there are two, and one is that of the whole track,
+    which stands twice. Other columns, such as arc length, speed or heading, are left out.
+    """
+    x, y = ([j for j, name in enumerate(columns) if re.match(words, name)] for words in _PLACES)
+    if len(x) != 1 or len(y) != 1:
+        return None
+    places = sorted(x + y) if columns[x[0]].startswith("l") else x + y  # latitude first, or longitude
+    right, left, whole = ([j for j, n in enumerate(columns) if re.search(words, n)] for words in _WIDTHS)
+    if len(right) == len(left) == 1:
+        return [*places, *right, *left]
+    return [*places, *(whole * 2 if len(whole) == 1 else whole if len(whole) == 2 else [])]
 
 
 def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.ndarray, tuple[float, float] | None]:

@@ -229,6 +229,17 @@ def test_failed_fold_says_why():
     assert np.isnan(result.fit("r")).all()
 
 
+def test_a_fold_without_motion_fails_alone():
+    """Its output is constant, so that there is no score; the others have theirs."""
+    data = made(1200)
+    r = data["r"].copy()
+    r[300:600] = 0.0
+    result = cross_validate(Spy(), data.with_channel("r", r), folds=4)
+    assert [bool(fold.failure) for fold in result.folds] == [False, True, False, False]
+    assert "constant" in result.folds[1].failure
+    assert result.error == np.inf
+
+
 @pytest.mark.parametrize("folds", [None, 1, 500])
 def test_too_few_folds(folds):
     with pytest.raises(ParameterError, match="expected"):

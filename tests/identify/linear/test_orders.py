@@ -347,6 +347,8 @@ def test_speeds_stand_where_the_data_are():
     assert len(chosen_speeds(np.linspace(5, 30, 6000))) == 6
     assert len(chosen_speeds(np.linspace(5, 30, 1100))) == 2
     assert chosen_speeds(np.full(40, 7.0)) == (7.0,)
+    ends = chosen_speeds(np.linspace(5, 30, 6000))
+    assert (ends[0], ends[-1]) == pytest.approx((5, 30), abs=0.1)
 
 
 def test_a_speed_that_was_not_driven_is_named():

@@ -11,6 +11,7 @@ from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooS
 from slipangle.identify.linear import polynomial
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
+from slipangle.identify.linear.statespace import StateSpace
 from slipangle.models.black_box.polynomial import PolynomialModel, one
 
 ARMAX_TRUE = {"A": [-1.5, 0.7], "B": [[1.0, 0.5], [0.3]], "C": [0.6], "D": [], "F": [[], []]}
@@ -21,6 +22,33 @@ CASES = {
     "OE": (OutputError(nb=(2, 1), nf=(2, 1), nk=(1, 2)), OE_TRUE),
     "BJ": (BoxJenkins(nb=(2, 1), nf=(2, 1), nc=1, nd=1, nk=(1, 2)), BJ_TRUE),
 }
+
+
+@pytest.mark.parametrize(
+    ("estimator", "true", "said"),
+    [
+        (ARMAX(na=2, nb=2, nc=1), "noise on the output", 20),
+        (ARMAX(na=2, nb=2, nc=2), "noise on the output", 0),
+        (ARMAX(na=2, nb=2, nc=1), "ARMAX", 0),
+        (StateSpace(order=2, focus="prediction"), "ARMAX", 0),
+        (StateSpace(order=2, focus="prediction"), "drift", 20),
+        (BoxJenkins(nb=2, nf=2, nc=1, nd=1), "noise on the output", 0),
+    ],
+)
+def test_noise_of_a_higher_order_that_shares_the_poles_is_said(estimator, true, said):
+    """Noise that the model has no order for bends the poles that system and noise share; Box-Jenkins has its own."""
+    count = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        u, e = rng.standard_normal((2, 800))
+        v = {
+            "noise on the output": 0.3 * e,
+            "ARMAX": lfilter([0.1, 0.06], [1, -1.5, 0.7], e),
+            "drift": lfilter([0.3], [1, -0.9], e),
+        }[true]
+        data = Dataset.from_arrays({"u": u}, {"y": lfilter([0, 0.2, 0.1], [1, -1.5, 0.7], u) + v}, 0.1)
+        count += any("the model has too low an order for it" in s for s in estimator.fit(data).fit_info.warnings)
+    assert abs(count - said) <= 1
 
 
 def record(true, n, seed, noise, level=0.0):

@@ -202,6 +202,24 @@ def test_bands_are_the_closed_form_moved_by_the_covariance():
     assert "C_f, C_r" in linear.uncertainty
 
 
+def test_bands_do_not_hang_on_the_units_of_channels():
+    """Of one record, logged in rad and m or in other units, gains and their bands go with the units."""
+    rng = np.random.default_rng(0)
+    u, e = rng.standard_normal((2, 800, 2))
+    y1 = signal.lfilter([0, 0.4], [1, -0.7], u[:, 0]) + signal.lfilter([0, 0.2], [1, -0.8], u[:, 1]) + 0.1 * e[:, 0]
+    y2 = signal.lfilter([0, 0.1], [1, -0.9], u[:, 0]) + 0.1 * e[:, 1]
+    seen = []
+    for a, b, c, d in ((1, 1, 1, 1), (1e-4, 1e5, 1e5, 1e-2), (1e-3, 1e6, 1e-6, 1e3)):
+        data = sa.Dataset.from_arrays({"u1": a * u[:, 0], "u2": b * u[:, 1]}, {"y1": c * y1, "y2": d * y2}, 0.1)
+        found = linearize(sa.ARX(na=2, nb=2).fit(data))
+        gains = [
+            (found.gain(y, n), up / down) for y, up in (("y1", c), ("y2", d)) for n, down in (("u1", a), ("u2", b))
+        ]
+        seen.append([(g.value / scale, g.std / scale) for g, scale in gains])
+    np.testing.assert_allclose(seen[1], seen[0], rtol=1e-4)
+    np.testing.assert_allclose(seen[2], seen[0], rtol=1e-4)
+
+
 def test_bands_of_models_blended_by_speed_are_those_of_their_coefficients():
     """Beside 400 draws of all coefficients: yaw gain, poles and step response between two of its speeds."""
     rng = np.random.default_rng(5)

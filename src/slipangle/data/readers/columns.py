@@ -35,7 +35,7 @@ __all__ = ["ArrayTable", "ChannelTable", "Column", "Header", "LogSettings", "as_
 _TIME_NAMES = ("t", "time", "timestamp", "timestamps", "zeit", "tempo", "tiempo", "temps", "stamp")
 _STEPS = ("interval", "utc", "elapsed")  # these only with a unit of time: others call a step or a place so
 _EPOCH = 1e7  # larger first stamps count from the log's start [s]
-_SLOW = 2.0  # steps from here on are said, where no unit is named [s]
+_SLOW, _SLOW_DRIVE = 2.0, 1.0  # steps from here on are said, where no unit is named, of any log and of a drive [s]
 _TOO_SLOW, _HOURS = 5.0, 1e4  # and refused in a log of a drive, if they are whole numbers, and in any log [s]
 _DAYS = ((5e5, 1e6), (2.5e4, 7.5e4))  # between which stamps count days: since the year 0, or since 1900
 _DAY_STEP = 1e-4  # and rise by less
@@ -183,7 +183,7 @@ def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool
             f"name the unit, days in the header as '{header.name} [d]' or as time=Column('{header.name}', 'd'), or "
             "write hours and minutes as seconds"
         )
-    if not step >= _SLOW:
+    if not step >= (_SLOW_DRIVE if driven else _SLOW):
         return []
     whole = bool(np.all(steps == np.round(steps)))
     finer = next((u for u, most in (("ms", 1e4), ("us", 1e7)) if step < most), "ns")

@@ -18,6 +18,7 @@ typedef struct {
     car_planner_input given;
     car_planner_output plan;
     car_commands last;
+    Watch watch;
 } Driver;
 
 @MEMORY@
@@ -44,6 +45,7 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < NY; i++)
         d->pending[i] = NAN, d->seen[i] = NAN;
     d->v_x = d->s = NAN, d->tick = -1;
+    watch_begin(&d->watch);
 #ifdef TRUSTED
     d->surprise = UNKNOWN;
 #endif
@@ -80,7 +82,11 @@ static double rate(const Driver *d, int output)
 static void gather(Driver *d, const double *value, car_seconds t, int64_t tick)
 {
     for (int c = 0; c < CAR_CHANNELS; c++) {
-        if (d->raw[c] == value[c] || !believed(d, c, value, t))
+        int same = d->raw[c] == value[c];
+        if (!same && !believed(d, c, value, t))
+            continue;
+        d->watch.told[c] = t;
+        if (same)
             continue;
         d->raw[c] = value[c];
         if (c == SPEED)
@@ -139,17 +145,26 @@ static int take(Driver *d, int fresh)
 /* Brings the estimate to now, `behind` samples after the last; what hinders, CAR_PLANNED if nothing does. */
 static int observe(Driver *d, int64_t behind)
 {
-    if (!(d->v_x >= SLOWEST)) {
+    int X = OUTPUT_OF_POSE[0], Y = OUTPUT_OF_POSE[1], stale = !speed_known(&d->watch, d->now);
+    int posed = X >= 0 && Y >= 0 && d->pending[X] == d->pending[X] && d->pending[Y] == d->pending[Y];
+    double ago = 0;
+    for (int k = 0; k < 2; k++) {
+        int i = OUTPUT_OF_POSE[k];
+        double since = i >= 0 && d->seen[i] == d->seen[i] ? (double)(d->now - d->seen[i]) : 0;
+        ago = since > ago ? since : ago;
+    }
+    watch_move(&d->watch, d->now, d->v_x, (double)behind * CAR_DT, ago, posed, d->raw[POSE[0]], d->raw[POSE[1]]);
+    double moving = stale && !d->tracking ? NAN : d->v_x; /* a car that moves goes on with what it knows, and should stop */
+    if (!(moving >= SLOWEST)) {
         d->tracking = d->planned = 0;
         for (int i = 0; i < NY; i++)
             d->pending[i] = NAN;
-        return d->v_x != d->v_x ? CAR_SPEED_UNKNOWN : CAR_STANDING;
+        return moving != moving ? CAR_SPEED_UNKNOWN : CAR_STANDING;
     }
     int begun = 0;
     if (!d->tracking || (double)behind * CAR_DT > LONGEST_GAP) {
-        for (int k = 0; k < 3; k++)
-            if (d->raw[POSE[k]] != d->raw[POSE[k]])
-                return CAR_POSE_UNKNOWN;
+        if (!pose_known(&d->watch, d->now))
+            return CAR_POSE_UNKNOWN;
         start_filter(d);
         behind = 1, begun = 1;
     }
@@ -167,6 +182,8 @@ static int observe(Driver *d, int64_t behind)
             d->seen[i] = d->now;
         d->pending[i] = NAN;
     }
+    if (X >= 0 && Y >= 0 && d->seen[X] == d->now && d->seen[Y] == d->now)
+        d->watch.blind = 0;
 #ifdef TRUSTED
     wonder(&d->filter, &d->surprise);
 #endif
@@ -268,7 +285,8 @@ static double grip(const Driver *d)
 /* Drive and brake that hold a speed; the last ones while a speed is no number. */
 static void hold_speed(Driver *d, double wanted)
 {
-    double a_x = (speed(d->last.s + 0.5) - speed(d->last.s - 0.5)) * wanted, v_x = d->v_x;
+    double a_x = (speed(d->last.s + 0.5) - speed(d->last.s - 0.5)) * wanted;
+    double v_x = wanted == 0 ? fabs(d->v_x) : d->v_x; /* brakes stop a vehicle that rolls back, too */
     if (fabs(wanted) <= 1e3 && fabs(v_x) <= 1e3 && fabs(a_x) <= 1e3) {
         double kp = scheduled(KP, v_x), ki = scheduled(KI, v_x), error = wanted - v_x;
         double free = kp * error + d->integral + FEEDFORWARD * a_x, rolling = within(v_x / 0.5, 0, 1);
@@ -296,12 +314,18 @@ static void decide(car_driver *memory, Driver *d, int hindered)
     memset(c, 0, sizeof *c);
     c->reason = hindered;
     if (hindered) {
-        double X = d->raw[POSE[0]], Y = d->raw[POSE[1]];
-        if (X == X && Y == Y)
+        double X = d->raw[POSE[0]], Y = d->raw[POSE[1]], psi = d->raw[POSE[2]];
+        int reason = CAR_LOST;
+        if (X == X && Y == Y) {
             project(d, X, Y, found);
-        int placed = is_finite(d->s);
-        c->s = placed ? d->s : 0;
-        c->wanted_v_x = d->v_x == d->v_x && placed ? speed(c->s) : 0;
+            double std = pose_known(&d->watch, d->now) ? 0 : INFINITY;
+            double off = psi == psi ? remainder(psi - found[2], 2 * HALF_TURN) : 0;
+            reason = watch_reason(&d->watch, d->now, std, found[0], found[1], off);
+        }
+        c->s = is_finite(d->s) ? d->s : 0;
+        c->wanted_v_x = reason == CAR_PLANNED || reason == CAR_BESIDE ? speed(c->s) : 0;
+        if (reason && hindered == CAR_STANDING)
+            c->reason = reason;
         for (int a = 0; a < NX; a++)
             c->state_std[a] = INFINITY;
     } else {
@@ -312,8 +336,9 @@ static void decide(car_driver *memory, Driver *d, int hindered)
         project(d, c->state[MOTION[0]], c->state[MOTION[1]], found);
         c->s = d->s, c->e_y = found[1];
         plan(memory, d);
-        c->reason = most > LOST ? CAR_LOST : CAR_PLANNED;
-        c->wanted_v_x = d->plan.stopping || most > LOST ? 0 : speed(d->s);
+        double off = remainder(c->state[MOTION[2]] - found[2], 2 * HALF_TURN);
+        c->reason = watch_reason(&d->watch, d->now, most, found[0], found[1], off);
+        c->wanted_v_x = d->plan.stopping || (c->reason && c->reason != CAR_BESIDE) ? 0 : speed(d->s);
     }
     c->value[0] = d->steered;
     hold_speed(d, c->wanted_v_x);

@@ -41,7 +41,12 @@ enum {
     CAR_SPEED_UNKNOWN, /* the wheels stay where they are: no speed was measured yet */
     CAR_STANDING,      /* the wheels stay where they are: the vehicle stands or creeps */
     CAR_POSE_UNKNOWN,  /* the wheels stay where they are: no pose was measured yet */
-    CAR_LOST           /* a plan, but the position is not known any more: the vehicle should stop */
+    CAR_LOST,          /* the position is not known any more: the vehicle should stop, as for the next four */
+    CAR_SPEED_LOST,    /* the speed was not measured for a second */
+    CAR_CONTRADICTED,  /* speed and positions contradict each other */
+    CAR_ENDED,         /* the path has ended */
+    CAR_FACING_AWAY,   /* the vehicle faces away from the path */
+    CAR_BESIDE         /* a plan, far beside the path */
 };
 
 typedef struct {

@@ -61,6 +61,10 @@ static int filter_take(Filter *f, const double *y, const double *u)
         f->fresh[i] = is_finite(y[i]);
         s->y[i] = f->fresh[i] ? y[i] : 0;
         s->seen[i] = (double)f->fresh[i];
+#ifdef FULL_CIRCLE
+        if (HEADINGS[i] >= 0 && f->fresh[i] && s->dt > 0) /* said from -180 to 180 degrees or 0 to 360 */
+            s->y[i] += FULL_CIRCLE * floor((s->z[HEADINGS[i]] - s->y[i]) / FULL_CIRCLE + 0.5);
+#endif
     }
     memcpy(s->u, u, sizeof s->u);
     if (!again(f))

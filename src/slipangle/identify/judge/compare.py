@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import MissingColumnError, ParameterError, SimulationError
+from slipangle.errors import MissingColumnError, ParameterError, SimulationError, SlipangleError
 from slipangle.identify.judge.initial import Start, free_run
 from slipangle.identify.judge.validate import Score, require_unseen, score
 from slipangle.identify.networks.training import Progress
@@ -309,7 +309,7 @@ def _fold(estimator: Estimator, rest: Dataset, held: Dataset) -> Fold:
     model = estimator.fit(rest)
     try:
         run = model.simulate(held)
-    except SimulationError as error:
+        scores = {o: score(run, o) for o in model.outputs}
+    except SlipangleError as error:
         return Fold(spans=spans, model=model, failure=str(error))
-    scores = {o: score(run, o) for o in model.outputs}
     return Fold(spans=spans, model=model, scores=scores, error=_relative(run, model.outputs))

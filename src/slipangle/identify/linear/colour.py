@@ -10,6 +10,7 @@ from scipy.stats import f as f_distribution
 from slipangle.data.dataset import Dataset
 from slipangle.errors import SlipangleError
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.model import Model
 from slipangle.numerics.covariance import autoregression
 
 _SEEN = 1 << 14  # samples that are looked at, from the start
@@ -39,17 +40,12 @@ def colour_said(model: ARXModel, data: Dataset) -> tuple[str, ...]:
         return ()
     said, told_by_run = [], _told_by_free_run(model, seen)
     for i, output in enumerate(model.outputs):
-        pieces = [e[:, [i]] for e in errors]
-        total = float(np.mean(np.concatenate(pieces) ** 2))
-        if not np.isfinite(total) or total <= _NOISE**2 * float(np.var(data[output])):
+        found = _colour([e[:, [i]] for e in errors], float(np.var(data[output])))
+        if found is None:
             continue
-        coefficients, driving = autoregression(pieces)
-        told = 1.0 - float(driving[0, 0]) / total
-        if len(coefficients) and told > _SHARE:
-            lag = sum(float(p[1:, 0] @ p[:-1, 0]) for p in pieces) / sum(float(p[:, 0] @ p[:, 0]) for p in pieces)
+        if found:
             said.append(
-                f"the noise of {output} is coloured ({100 * told:.0f} % of the residual follow from its past, "
-                f"correlation {lag:+.2f} at one sample): it biases the coefficients of an ARX model, which their "
+                f"the noise of {output} is coloured ({found}): it biases the coefficients of an ARX model, which their "
                 "intervals do not count; expected a white residual: use OutputError, BoxJenkins or StateSpace, or more "
                 "lags"
             )
@@ -61,6 +57,41 @@ def colour_said(model: ARXModel, data: Dataset) -> tuple[str, ...]:
                 "or StateSpace"
             )
     return tuple(said)
+
+
+def shared_colour_said(model: Model, data: Dataset, more: str) -> tuple[str, ...]:
+    """A sentence for each output whose one-step-ahead residual is coloured, of a model with poles that noise shares.
+
+    Such poles are bent to the noise, where its order is too low for it ([1]_ of `colour_said`,
+    sec. 8.5); ``more`` says what has more of it.
+    """
+    parts = data.rows(0, min(_SEEN, data.n_samples)).experiments
+    try:
+        runs = [model._predict(part) for part in parts if part.n_samples > model.memory + 1]
+    except SlipangleError:
+        return ()
+    pieces = [run.error[run.predicted] for run in runs]
+    said = []
+    for i, output in enumerate(model.outputs):
+        if pieces and (found := _colour([e[:, [i]] for e in pieces], float(np.var(data[output])))):
+            said.append(
+                f"the noise of {output} is coloured ({found}): the model has too low an order for it, which biases the "
+                f"coefficients, and their intervals do not count that; expected a white residual: {more}"
+            )
+    return tuple(said)
+
+
+def _colour(pieces: list[np.ndarray], variance: float) -> str | None:
+    """How coloured residuals, shape (n, 1), are, empty if white; None where they are rounding of such an output."""
+    total = float(np.mean(np.concatenate(pieces) ** 2))
+    if not np.isfinite(total) or total <= _NOISE**2 * variance:
+        return None
+    coefficients, driving = autoregression(pieces)
+    told = 1.0 - float(driving[0, 0]) / total
+    if not len(coefficients) or told <= _SHARE:
+        return ""
+    lag = sum(float(p[1:, 0] @ p[:-1, 0]) for p in pieces) / sum(float(p[:, 0] @ p[:, 0]) for p in pieces)
+    return f"{100 * told:.0f} % of the residual follow from its past, correlation {lag:+.2f} at one sample"
 
 
 def _told_by_free_run(model: ARXModel, parts: Sequence[Dataset]) -> dict[int, float]:

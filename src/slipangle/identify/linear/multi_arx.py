@@ -22,6 +22,7 @@ from slipangle.models.plausible import growth
 from slipangle.models.wrappers.multi_arx import MultiARXModel, speed_weights
 
 _APART = 1.15  # ratio of neighbouring speeds, at least
+_REACH = 0.05  # of the first or last of these, by which the data go on beyond it before it is put at their end
 _PER_SPEED = 500  # samples for each speed, at least, where speeds are chosen
 _MOST = 6  # speeds that are chosen
 _ROUNDS = 50  # in which they settle
@@ -182,7 +183,8 @@ def _left_open(name: str, v_x: float) -> ExcitationError:
 def chosen_speeds(v_x: np.ndarray) -> tuple[float, ...]:
     """Up to 6 speeds [m/s] about which the samples gather, at least 15 % apart, with about 500 samples or more each.
 
-    None lies in a gap between speeds that were driven, where nothing would tell its coefficients.
+    None lies in a gap between speeds that were driven, where nothing would tell its coefficients. The first and the
+    last reach to the ends of what was driven, beyond which a model has constant coefficients.
     """
     count = int(np.clip(len(v_x) // _PER_SPEED, 1, _MOST))
     rising = np.sort(v_x)
@@ -204,4 +206,7 @@ def chosen_speeds(v_x: np.ndarray) -> tuple[float, ...]:
             kept.append(v)
         else:
             kept[-1] = (kept[-1] + v) / 2
-    return tuple(kept)
+    for i, end in ((0, rising[len(rising) // 500]), (-1, rising[-1 - len(rising) // 500])):
+        if len(kept) > 1 and abs(end - kept[i]) > _REACH * abs(kept[i]):
+            kept[i] = end
+    return tuple(map(float, kept))

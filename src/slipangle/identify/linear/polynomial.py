@@ -15,6 +15,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Count, Radius, Whole
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
+from slipangle.identify.linear.colour import shared_colour_said
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.poles import shrunk
@@ -24,6 +25,8 @@ from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.linear.predictor import Point
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread
+
+_MORE = "give more coefficients (nc, na), or use OutputError, BoxJenkins or StateSpace"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +65,9 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     max_iterations: Whole = 100
 
     _what = "the polynomial model"
+
+    def _remarks(self, model: PolynomialModel, data: Dataset) -> tuple[str, ...]:
+        return shared_colour_said(model, data, _MORE) if self.na else ()
 
     @one_blas_thread()
     def _fit(self, data: Dataset) -> PolynomialModel:
@@ -121,6 +127,9 @@ class _Special(LinearEstimator[PolynomialModel]):
 
     def _fit(self, data: Dataset) -> PolynomialModel:
         return Polynomial(**vars(self))._fit(data)
+
+    def _remarks(self, model: PolynomialModel, data: Dataset) -> tuple[str, ...]:
+        return Polynomial(**vars(self))._remarks(model, data)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,12 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.identify.excitation import CHUNK, is_constant
+from slipangle.identify.linear.colour import shared_colour_said
 from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.provenance import provenance
 
+_MORE = 'give a larger order, or focus="simulation"'
 _ONE = 1e-9  # from one, within which a size is that of a channel which has been scaled
 
 
@@ -74,6 +76,9 @@ class Scales(NamedTuple):
 
 class ScaledEstimator(LinearEstimator[StateSpaceModel]):
     """Fits a state space to scaled signals and gives it back in the units of the data."""
+
+    def _remarks(self, model: StateSpaceModel, data: Dataset) -> tuple[str, ...]:
+        return shared_colour_said(model, data, _MORE) if getattr(self, "focus", "") == "prediction" else ()
 
     @final
     def _fit(self, data: Dataset) -> StateSpaceModel:

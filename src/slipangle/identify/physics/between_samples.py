@@ -82,14 +82,17 @@ def hold_said(moved: BetweenSamples, problem: FreeRunProblem, values: np.ndarray
         return []
     units = [problem.model.si(n).unit for n in problem.base_names]
     each = ", ".join(_moved(problem.names[i], values[i], values[i] + shift[i], units[i]) for i in far)
-    ways = "inputs that go on in straight lines between their samples", "inputs that are held for a sample"
-    follow, rather = ways if moved.to_lines else ways[::-1]
+    way = (
+        "inputs that go on in straight lines between their samples rather than inputs that are held for a sample"
+        if moved.to_lines
+        else "inputs that are held for a sample rather than inputs that go on between their samples"
+    )
     fix = (
         "their means over each sample: fit to data.hold_mean() (hold = 'mean' in a job)"
         if moved.to_lines
         else "inputs as they were held: fit to the data without hold_mean() (hold = 'sample' in a job)"
     )
-    return [f"the outputs follow {follow} rather than {rather}: {each}; the intervals take in both; expected {fix}"]
+    return [f"the outputs follow {way}: {each}; the intervals take in both; expected {fix}"]
 
 
 def _moved(name: str, now: float, then: float, unit: str) -> str:

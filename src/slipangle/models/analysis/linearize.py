@@ -181,10 +181,12 @@ def directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:
     std = np.ptp(info.interval(), axis=1)[rows] / (2 * quantile(0.95))  # an interval may be wider than the covariance
     if not (np.isfinite(info.covariance[np.ix_(rows, rows)]).all() and np.isfinite(std).all()):
         return "no bands: the covariance of the fit is not finite", np.zeros((0, 0))
-    covariance = info.correlation[np.ix_(rows, rows)] * np.outer(std, std)
-    size, vector = np.linalg.eigh((covariance + covariance.T) / 2)
+    correlation = info.correlation[np.ix_(rows, rows)]  # free of units: small variances are no rounding of large ones
+    size, vector = np.linalg.eigh((correlation + correlation.T) / 2)
     shown = ", ".join(names[:6]) + (" and others" if len(names) > 6 else "")
-    return f"{quantile(0.95):.3g} standard deviations of {shown}", (vector * np.sqrt(np.maximum(size, 0.0))).T
+    return f"{quantile(0.95):.3g} standard deviations of {shown}", (
+        std[:, None] * vector * np.sqrt(np.maximum(size, 0.0))
+    ).T
 
 
 def _row(

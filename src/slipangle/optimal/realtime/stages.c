@@ -374,7 +374,8 @@ static __attribute__((noinline)) int evaluate_columns(Work *s, int group)
 /* What follows stages that take no time, of the steps from `first` on, with derivatives or without. */
 static __attribute__((noinline)) void take_jumps(Work *s, int first, int count, int derivatives)
 {
-    V x[NX], u[NU], w[M1(NW)], next[NX], A[NX * NX] = {{0}}, B[NX * NU] = {{0}};
+    V x[NX], u[NU], w[M1(NW)], next[NX], A[NX * NX], B[NX * NU];
+    memset(A, 0, sizeof A), memset(B, 0, sizeof B), memset(u, 0, sizeof u);
     for (int j = 0; j < JUMPS; j++) {
         int m = JUMP[j];
         if (m < first || m >= first + count)

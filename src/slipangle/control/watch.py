@@ -1,0 +1,107 @@
+"""`Watch`: what a driver looks at beside its plan, and for which the car should stop."""
+
+from __future__ import annotations
+
+import math
+
+from slipangle.control.commands import HINDERED, UNSURE
+from slipangle.models.wrappers.on_ground import POSE
+from slipangle.paths.path import Path
+
+# For a road car; lengths scale with the wheelbase, times and speeds with its root.
+SPEED_GAP, POSE_GAP = 1.0, 2.0  # s without a speed, or a pose, after which it is not known any more
+WAY_OFF, TURN_OFF = 0.01, 0.003  # share and rad/s by which a measured speed and yaw rate are taken to be off
+WINDOW = 1.0  # s over which the way by the speed is set beside that between two positions
+APART, SLOW = 0.25, 1.0  # share and m/s by which these may differ
+TWICE = 2  # windows in a row in which they do, from which they contradict each other
+AWAY = 2.0  # rad off the path's heading from which a car does not come back by driving on
+FAR = 10.0  # m beside the path from which it is said
+
+LOST, SPEED_LOST, CONTRADICTED, ENDED, FACING_AWAY, BESIDE = range(len(HINDERED), len(HINDERED) + len(UNSURE))
+
+
+class Watch:
+    """Whether the car may go on.
+
+    Parameters
+    ----------
+    path : Path
+        That is followed.
+    size : float
+        Wheelbase over that of a road car. [-]
+    lost : float
+        Standard deviation of the position from which it counts as not known. [m]
+    """
+
+    def __init__(self, path: Path, size: float, lost: float) -> None:
+        self._path, self._lost, self._far = path, lost, FAR * size
+        self._window, self._slow = WINDOW * math.sqrt(size), SLOW * math.sqrt(size)
+        self._told: dict[str, float] = {}
+        self._from: tuple[float, float, float] | None = None
+        self._way, self._blind, self._odd, self._read = 0.0, 0.0, 0, math.nan
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """What it goes by, for its C."""
+        known = {"SPEED_GAP": SPEED_GAP, "POSE_GAP": POSE_GAP, "WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF}
+        known |= {"WINDOW": self._window, "SLOW": self._slow, "APART": APART, "TWICE": TWICE}
+        return {f"WATCH_{n}": v for n, v in (known | {"AWAY": AWAY, "FAR": self._far}).items()}
+
+    def note(self, name: str, t: float) -> None:
+        """A channel said at a time [s] what can be, new or as before."""
+        self._told[name] = t
+
+    def speed_known(self, now: float) -> bool:
+        """Whether the speed was said lately."""
+        return now - self._told.get("v_x", -math.inf) <= SPEED_GAP
+
+    def pose_known(self, now: float) -> bool:
+        """Whether the pose was said lately."""
+        return all(now - self._told.get(name, -math.inf) <= POSE_GAP for name in POSE)
+
+    def move(self, now: float, v_x: float, seconds: float, ago: float, position: tuple[float, float] | None) -> None:
+        """Count the way by the speed [m/s] since the last call, and set it beside that from position to position.
+
+        Where the position was taken in so long ``ago`` [s], errors of speed and yaw rate that no filter knows add up.
+
+        A speed that contradicts the positions is believed again when they agree and it reads otherwise than then: one
+        that is stuck agrees as well, when the car has come down to it.
+        """
+        way = 0.0 if math.isnan(v_x) else v_x * seconds
+        self._blind += abs(way) * (WAY_OFF + TURN_OFF * ago)
+        self._way += way
+        if position is None:
+            return
+        if self._from is not None:
+            passed = now - self._from[0]
+            if passed < self._window:
+                return
+            between = math.sqrt((position[0] - self._from[1]) ** 2 + (position[1] - self._from[2]) ** 2)
+            if abs(between - self._way) > APART * max(between, self._way) + self._slow * passed:
+                self._odd, self._read = self._odd + 1, v_x
+            elif self._odd < TWICE or v_x != self._read:
+                self._odd = 0
+        self._from, self._way = (now, *position), 0.0
+
+    def see(self) -> None:
+        """The position was taken in."""
+        self._blind = 0.0
+
+    def reason(self, now: float, std: float, at: tuple[float, float, float]) -> int:
+        """Why the car should stop, or that it is far beside the path: a place in `UNSURE` after `HINDERED`; else 0.
+
+        ``std`` is that of the position as the filter knows it [m], ``at`` the place on the path: s [m], e_y [m], e_psi
+        [rad].
+        """
+        s, e_y, e_psi = at
+        if not std + self._blind <= self._lost:
+            return LOST
+        if not self.speed_known(now):
+            return SPEED_LOST
+        if self._odd >= TWICE:
+            return CONTRADICTED
+        if not self._path.closed and s > self._path.length:
+            return ENDED
+        if not abs(e_psi) <= AWAY:
+            return FACING_AWAY
+        return BESIDE if not abs(e_y) <= self._far else 0

@@ -1,0 +1,66 @@
+/* What a driver looks at beside its plan, and for which the vehicle should stop. */
+
+#define POSE_GAP ((car_seconds)WATCH_POSE_GAP)
+#define SPEED_GAP ((car_seconds)WATCH_SPEED_GAP)
+
+typedef struct {
+    car_seconds told[CAR_CHANNELS], from_t; /* when each channel said what can be, NaN before; the position to count from */
+    double from[2], way, blind, read;
+    int counted, odd;
+} Watch;
+
+static void watch_begin(Watch *w)
+{
+    memset(w, 0, sizeof *w);
+    for (int c = 0; c < CAR_CHANNELS; c++)
+        w->told[c] = NAN;
+}
+
+static int speed_known(const Watch *w, car_seconds now) { return now - w->told[SPEED] <= SPEED_GAP; }
+
+static int pose_known(const Watch *w, car_seconds now)
+{
+    int all = 1;
+    for (int k = 0; k < 3; k++)
+        all &= now - w->told[POSE[k]] <= POSE_GAP;
+    return all;
+}
+
+/* Counts the way by the speed since the last call, and sets it beside that from position to position. A speed that
+   contradicts the positions is believed again when they agree and it reads otherwise than then. */
+static void watch_move(Watch *w, car_seconds now, double v_x, double passed, double ago, int posed, double X, double Y)
+{
+    double way = v_x == v_x ? v_x * passed : 0;
+    w->blind += fabs(way) * (WATCH_WAY_OFF + WATCH_TURN_OFF * ago); /* errors that no filter knows */
+    w->way += way;
+    if (!posed)
+        return;
+    if (w->counted) {
+        double seconds = (double)(now - w->from_t);
+        if (seconds < WATCH_WINDOW)
+            return;
+        double dx = X - w->from[0], dy = Y - w->from[1], between = sqrt(dx * dx + dy * dy);
+        double most = w->way > between ? w->way : between;
+        if (fabs(between - w->way) > WATCH_APART * most + WATCH_SLOW * seconds)
+            w->odd++, w->read = v_x;
+        else if (w->odd < WATCH_TWICE || v_x != w->read)
+            w->odd = 0;
+    }
+    w->counted = 1, w->from_t = now, w->from[0] = X, w->from[1] = Y, w->way = 0;
+}
+
+/* Why the vehicle should stop, or that it is far beside the path; else CAR_PLANNED. */
+static int watch_reason(const Watch *w, car_seconds now, double std, double s, double e_y, double e_psi)
+{
+    if (!(std + w->blind <= LOST))
+        return CAR_LOST;
+    if (!speed_known(w, now))
+        return CAR_SPEED_LOST;
+    if (w->odd >= WATCH_TWICE)
+        return CAR_CONTRADICTED;
+    if (!SHAPE[1] && s > SIZE[1])
+        return CAR_ENDED;
+    if (!(fabs(e_psi) <= WATCH_AWAY))
+        return CAR_FACING_AWAY;
+    return fabs(e_y) <= WATCH_FAR ? CAR_PLANNED : CAR_BESIDE;
+}
