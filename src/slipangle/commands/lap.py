@@ -26,8 +26,9 @@ Where the job has a table [race], a racer then drives laps on a plant that is an
 What the model does not know of the car is set by name, its power always: --set power=2e5 --set drag=0.4.
 """
 _MORE = """\
-With --json: time, quasi_steady, iterations and sensitivities (s per unit); with --driven also its time and sectors,
-with [race] race.laps, off_track, room, corners. Exit code 1 where the racer left the track or did not finish its laps.
+With --json: time, time_std (by what the log leaves open of the car), quasi_steady, iterations and sensitivities (s per
+unit); with --driven also its time and sectors, with [race] race.laps, off_track, room, corners. Exit code 1 where the
+racer left the track or did not finish its laps.
 See docs/fastest-lap.md.
 """
 _COLUMNS = ("s", "t", "X", "Y", "psi", "n", "v_x", "v_y", "r", "delta", "F_x", "a_x", "a_y", "grip_f", "grip_r")
@@ -51,7 +52,7 @@ def add(commands: Commands) -> None:
 def _lap(options: argparse.Namespace) -> Answer:
     from slipangle.optimal.lap.fastest_lap import fastest_lap
     from slipangle.paths.path import Path as Track
-    from slipangle.report.lap import lap_page
+    from slipangle.report.lap import lap_page, open_said
     from slipangle.workflow import race
     from slipangle.workflow.lap import identified_car
     from slipangle.workflow.settings import read_settings
@@ -71,6 +72,7 @@ def _lap(options: argparse.Namespace) -> Answer:
         bar(0.2 if settings.race else 0.5, "finding the lap")
         how = ("line", "points", "margin", "smoothness", "v_max", "v_start", "tolerance", "iterations")
         lap = fastest_lap(car, track, **{key: getattr(wanted, key) for key in how})
+        std = lap.time_std(model, known=values)
         delta = None if wanted.driven is None else _driven(wanted.driven, lap, wanted.origin)
         drive = settings.race
         raced = drive and race.raced(
@@ -81,11 +83,12 @@ def _lap(options: argparse.Namespace) -> Answer:
         before = replaced(folder / "index.html")
         command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
         more = (race.section(raced, command),) if raced else ()
-        page = lap_page(lap, settings.title, command, delta, more).write(folder / "index.html")
+        page = lap_page(lap, settings.title, command, delta, more, std).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
-    found = {"time": lap.time, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
-    words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)"
+    found = {"time": lap.time, "time_std": std, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
+    words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)."
+    words += open_said(lap, std)
     if delta is not None:
         sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
         found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ from slipangle.report.style import SLATE, compact, new_figure, series_style
 from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import read_in, speed_said
 
+VAGUE = 0.01  # standard deviation of a lap time, in parts of it, from which it is no good answer
 _FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of drawn edges
 _COLOURS = {
     "v_x": ("speed", 1.0, "m/s"),
@@ -158,17 +160,25 @@ def _at(t: np.ndarray, lap: Lap, values: np.ndarray, turned: float) -> np.ndarra
     return np.interp(t, np.append(0.0, lap.t), np.append(first, values))
 
 
-def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None, more: tuple[Section, ...] = ()) -> Page:
+def lap_page(
+    lap: Lap,
+    title: str,
+    command: str,
+    delta: LapDelta | None = None,
+    more: tuple[Section, ...] = (),
+    std: float = math.nan,
+) -> Page:
     """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth.
 
-    With a driven lap also where it loses time; ``more`` are sections behind.
+    With a driven lap also where it loses time; ``more`` are sections behind, ``std`` is how uncertain the car makes the
+    lap time, see `Lap.time_std`. [s]
     """
     factor, unit = read_in("v_x", "m/s")
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
-        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.",
-        tone="good",
+        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.{open_said(lap, std)}",
+        tone="fair" if std > VAGUE * lap.time else "good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),
             Number(label="highest speed", value=factor * float(lap.v_x.max()), unit=unit, digits=4),
@@ -190,6 +200,16 @@ def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None, 
         drawn = Figure(title="Driven and fastest", figure=delta_figure(delta), caption=caption)
         sections.append(Section(title="The driven lap", blocks=(sector_table(delta), drawn)))
     return Page(title=f"{title}: fastest lap", sections=(*sections, *more), command=command)
+
+
+def open_said(lap: Lap, std: float) -> str:
+    """A sentence on how far the log leaves the lap time open; none where nothing says it."""
+    if math.isnan(std):
+        return ""
+    if math.isinf(std):
+        return " The log leaves what the car can hold open, and with it this time."
+    vague = ": drive nearer to the limit for a closer one" if std > VAGUE * lap.time else ""
+    return f" By what the log leaves open of the car, the time is ±{1.96 * std:.2g} s (95 %){vague}."
 
 
 def worth_table(lap: Lap) -> Table:

@@ -250,6 +250,16 @@ def test_a_record_that_grows_is_not_decided_by_its_end(n, pole):
     assert stands.word == "good"
 
 
+def test_a_rival_that_fails_in_one_stretch_is_beaten_in_all():
+    """Ten of ten stretches are better; that one of them is much better is no doubt about it."""
+    model, rival = np.ones(2000), 1.3 * np.ones(2000)
+    rival[200:400] = 6.0
+    assert _better(model, rival)
+    assert not _better(rival, model)
+    rival[400:] = 0.9  # better in one of ten, by far
+    assert not _better(model, rival)
+
+
 @pytest.mark.parametrize("growth", [0.0, 0.01, 0.05])
 def test_chance_decides_as_seldom_where_errors_grow(growth):
     """Errors of one law: one of the two is called better at most as often as the level says, within chance."""

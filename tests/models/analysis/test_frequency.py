@@ -204,3 +204,21 @@ def test_a_period_that_is_none_is_said():
         sa.frequency_response(data, period=30.0)
     with pytest.raises(ParameterError, match="expected one"):
         sa.frequency_response(data, period=10.0, resolution=0.1)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 3.0])
+def test_a_delay_neither_lowers_the_gain_nor_lies_beside_the_bands(seconds):
+    """White input, noise of a fifth: without moving the output, a delay of 3 s showed half of the gain."""
+    inside, delay = [], round(seconds / 0.05)
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        u = rng.standard_normal(4500)
+        y = signal.lfilter([0.5], [1, -0.5], np.concatenate([np.zeros(delay), u])[:4500])
+        y += 0.2 * y.std() * rng.standard_normal(4500)
+        found = sa.frequency_response(sa.Dataset.from_arrays({"u": u[500:]}, {"y": y[500:]}, 0.05))
+        z = np.exp(2j * np.pi * found.frequency * 0.05)
+        true = 0.5 / (1 - 0.5 / z) * z**-delay
+        low, high = found.magnitude_band().T
+        inside.append((low <= np.abs(true)) & (np.abs(true) <= high))
+        assert np.median(np.abs(np.angle(found.value / true))) < 0.05
+    assert 0.92 < np.mean(inside) < 0.98

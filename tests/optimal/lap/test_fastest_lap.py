@@ -8,6 +8,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.errors import ParameterError, SolverError
+from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENGER_TIRE
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces, rates
@@ -183,6 +184,30 @@ def test_cars_without_limits_or_power_are_named():
     with pytest.raises(ParameterError, match="power"):
         sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01))
     assert sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01), power=2e5).C_f == 8e4
+
+
+def test_what_a_fit_leaves_open_is_the_spread_of_laps_anew():
+    """Cars drawn from the fit's covariance, each with a lap of its own; what is known otherwise does not count."""
+    names, std = ("mu_f", "mu_r", "C_f"), np.array([0.03, 0.03, 4e3])
+    covariance = np.outer(std, std) * np.array([[1, 0.5, 0.2], [0.5, 1, 0], [0.2, 0, 1]])
+    p = sa.NonlinearBicycleParams(
+        mass=1200, inertia_z=1500, wheelbase=2.7, l_f=1.4, C_f=8e4, C_r=1.1e5, mu_f=1.0, mu_r=1.1
+    )
+    values = np.array([getattr(p, n) for n in names])
+    info = FitInfo(names=names, values=values, covariance=covariance, noise_std=np.array([0.01]), n_samples=100)
+    model = replace(sa.NonlinearBicycle(params=p, dt=0.01), fit_info=info)
+    lap = sa.fastest_lap(model_car := sa.lap_car(model, power=1.5e5), circuit(), points=120)
+    rng = np.random.default_rng(0)
+    drawn = [
+        dict(zip(names, rng.multivariate_normal(values, covariance, method="cholesky"), strict=True)) for _ in range(30)
+    ]
+    spread = np.std([sa.fastest_lap(replace(model_car, **d), circuit(), like=lap).time for d in drawn], ddof=1)
+    assert lap.time_std(model) == pytest.approx(spread, rel=0.35)
+    assert lap.time_std(model) > 0.05
+    assert 0 < lap.time_std(model, known=("mu_f", "mu_r")) < 0.1 * lap.time_std(model)
+    assert np.isnan(lap.time_std(replace(model, fit_info=None)))
+    loose = replace(info, covariance=np.diag([np.inf, 1e-3, 1e6]))
+    assert lap.time_std(replace(model, fit_info=loose)) == np.inf
 
 
 def test_the_lap_of_a_saturating_bicycle_has_its_downforce():

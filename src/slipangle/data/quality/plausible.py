@@ -150,6 +150,23 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
         return [f"a_y is {slope:.2g} of v_x r: r is logged in deg/s; declare its unit as deg/s"], True
     if 6 < 1 / slope < 14:
         return [f"a_y is {slope:.2g} of v_x r: a_y is logged in g; declare its unit as g"], False
+    return _too_small(slope)
+
+
+def _too_small(slope: float) -> tuple[list[str], bool]:
+    """Where a_y is so many times v_x r: channels declared in a larger or smaller unit than that of their numbers."""
+    if 2.6 < slope < 4.6:
+        return [
+            f"a_y is {slope:.2g} times v_x r: v_x is declared in km/h and logged in m/s; declare its unit as m/s"
+        ], True
+    if 30 < slope < 110:
+        return [
+            f"a_y is {slope:.2g} times v_x r: r is declared in deg/s and logged in rad/s; declare it as rad/s"
+        ], True
+    if 6 < slope < 14:
+        return [
+            f"a_y is {slope:.2g} times v_x r: a_y is declared in g and logged in m/s2; declare its unit as m/s2"
+        ], False
     return [], False
 
 

@@ -157,17 +157,20 @@ def _beaten(model: float, simple: float, beyond_chance: bool) -> bool:
 def _better(model: np.ndarray, simple: np.ndarray) -> bool:
     """Whether the first errors are smaller beyond chance; neighbours in time depend on each other, stretches hardly.
 
-    Where one stretch holds most of the errors, as of a system that grows, each stretch counts by its own size.
+    Where few stretches hold most of the errors, as of a system that grows or a simple model that fails in one bend,
+    their spread hides what all of them say: then each stretch counts by its own size, if the mean error is smaller.
     """
     parts = min(_BATCHES, len(model))
     own, other = (np.array([float(np.mean(x)) for x in np.array_split(e**2, parts)]) for e in (model, simple))
     gain, size = other - own, other + own
     if parts < 2 or not np.isfinite(gain).all():
         return False
+    alike = gain / np.where(size > 0, size, 1.0)
     if size.max() > _MOSTLY * size.sum():
-        gain = gain / np.where(size > 0, size, 1.0)
-    spread = float(np.std(gain, ddof=1) / np.sqrt(parts))
-    return float(np.mean(gain)) > spread * float(stats.t.ppf(1 - _LEVEL, parts - 1))
+        gain = alike
+    ways = (gain, alike) if np.mean(gain) > 0 else (gain,)
+    limit = float(stats.t.ppf(1 - _LEVEL, parts - 1)) / np.sqrt(parts)
+    return any(float(np.mean(way)) > limit * float(np.std(way, ddof=1)) for way in ways)
 
 
 def _percent(fit: float) -> str:

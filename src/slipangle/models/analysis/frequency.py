@@ -14,6 +14,9 @@ _AVERAGES = 8  # segments that the usual resolution leaves
 _LEAST = 4  # segments below which coherence says nothing
 _SHORTEST = 16  # samples of a segment
 _OVERLAP = 1 / 36  # correlation of the periodograms of neighbouring Hann windows that overlap by half
+_CHANCE = 5.0  # deviations of a correlation of white signals, above which a delay is looked for
+_PROMPT = 0.02  # of a segment, by which an output may come late without being moved
+_AS_GOOD = 0.95  # of the largest correlation, for which the shortest delay is taken
 _EXCITED, _ABOVE = 1e-4, 10.0  # of the largest line's power, and of its noise, above which a line was driven on purpose
 _POWERED = 1e-6  # of the largest power of the input, below which a line is left out
 
@@ -32,9 +35,12 @@ def frequency_response(
     The spectra are means over half-overlapping segments with a Hann window, of every experiment, each segment without
     its trend; the response is the cross spectrum over the input's (H1), which noise on the output does not bias. Bands
     come of the coherence and the number of segments, which the noise is estimated from ([1]_ sec. 9.2); they hold at
-    any coherence. Left out are lines where the input
-    has hardly any power, and the lowest, which the trend is taken from. What other inputs do is noise to this estimate:
-    drive at one speed.
+    any coherence, of a system whose answer is over within a segment: ringing that lasts longer leaks. An output that
+    comes late is first moved to where it correlates most with the input, as segments of the two would else show less
+    and less of each other ([1]_ sec. 8.5), and the phase of that delay is given back.
+
+    Left out are lines where the input has hardly any power, and the lowest, which the trend is taken from. What other
+    inputs do is noise to this estimate: drive at one speed.
 
     Where the input repeats itself, as a multisine does, ``period`` says so: spectra of whole periods have no leakage
     ([3]_ sec. 2.5), the mean over the periods is the estimate, and their scatter is the noise, on the input too. The
@@ -77,7 +83,10 @@ def frequency_response(
             f"'{data.name}' has {count} segments of {n * data.dt:.3g} s; expected at least {_LEAST}: take a coarser "
             "resolution or record longer"
         )
-    u, y = (np.concatenate([_spectra(part[name], n) for part in parts]) for name in (u_name, y_name))
+    late = _delay(parts, u_name, y_name, n)
+    u = np.concatenate([_spectra(part[u_name][: len(part) - late], n) for part in parts])
+    y = np.concatenate([_spectra(part[y_name][late:], n) for part in parts])
+    count = len(u)
     s_uu, s_yy = (np.mean(np.abs(x) ** 2, axis=0) for x in (u, y))
     s_uy = np.mean(u.conj() * y, axis=0)
     f = np.fft.rfftfreq(n, data.dt)
@@ -92,7 +101,7 @@ def frequency_response(
         std = student(freedom) * np.sqrt((1 - coherence) / (freedom * coherence))
     return FrequencyResponse(
         frequency=f[kept],
-        value=(s_uy / s_uu)[kept],
+        value=(s_uy / s_uu * np.exp(-2j * np.pi * f * (late * data.dt)))[kept],
         magnitude_std=std,
         phase_std=std,
         output=y_name,
@@ -180,6 +189,27 @@ def _segment(data: Dataset, resolution: float | None) -> int:
             f"{_SHORTEST} samples"
         )
     return max(_SHORTEST, round(1 / (resolution * data.dt)) // 2 * 2)
+
+
+def _delay(parts: list[Dataset], u_name: str, y_name: str, n: int) -> int:
+    """Samples by which the output comes later than the input, where they correlate most; 0 where that is chance.
+
+    Of several about as good, as of a wave, the shortest; no more than leaves 4 segments of ``n`` samples in each part.
+    """
+    most = min(len(part) for part in parts) - n * (_LEAST + 1) // 2
+    if most < 1:
+        return 0
+    total, power, length = np.zeros(most + 1), np.zeros(2), 0
+    for part in parts:
+        u, y = (signal.detrend(part[name]) for name in (u_name, y_name))
+        total += signal.correlate(y, u, mode="full", method="fft")[len(u) - 1 : len(u) + most]
+        power += np.array([u @ u, y @ y])
+        length += len(u)
+    size = np.abs(total) / max(float(np.sqrt(np.prod(power))), 1e-300)
+    if not size.max() > _CHANCE / np.sqrt(length):
+        return 0
+    late = int(np.argmax(size >= _AS_GOOD * size.max()))
+    return late if late > _PROMPT * n else 0
 
 
 def _spectra(x: np.ndarray, n: int) -> np.ndarray:

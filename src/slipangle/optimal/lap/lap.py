@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from slipangle.models.analysis.linearize import directions
+from slipangle.models.model import Model
 from slipangle.optimal.lap.car import LapCar, rates, slip
 from slipangle.optimal.lap.course import Course
 from slipangle.optimal.lap.program import N_STATES, scales, worth
@@ -122,6 +126,19 @@ class Lap(Shown):
         """
         LapCar.si(name)
         return self.sensitivities.get(name, 0.0) * change
+
+    def time_std(self, model: Model, *, known: Collection[str] = ()) -> float:
+        """Standard deviation of the lap time by what the fit of a model leaves open of its car, to first order. [s]
+
+        The lap's car is that of the model (`lap_car`), but for what is ``known`` otherwise. Infinite where the fit says
+        nothing finite, NaN where the model is no fit or estimates nothing of a car.
+        """
+        names = tuple(n for n in (model.fit_info.names if model.fit_info else ()) if n in self.sensitivities)
+        names = tuple(n for n in names if n not in known)
+        if not names:
+            return math.nan
+        root = directions(model, names)[1]
+        return float(np.linalg.norm(root @ [self.sensitivities[n] for n in names])) if root.size else math.inf
 
 
 def lap_of(
