@@ -25,6 +25,7 @@ PEDALS = SpeedDriver(
 )
 LINE = Path.from_points(np.linspace(0.0, 1500.0, 300), np.zeros(300)).with_speed(15.0)
 ANGLE = np.linspace(0, 2 * np.pi, 181)
+TIGHT = Path.from_points(16 * np.cos(ANGLE), 16 * np.sin(ANGLE), closed=True).with_speed(8.0)
 RING = Path.from_points(60 * np.cos(ANGLE), 60 * np.sin(ANGLE), closed=True).with_speed(12.0)
 
 
@@ -119,8 +120,18 @@ def test_sound_speeds_are_not_doubted():
         (lambda t, seen: seen, RING),
         (lambda t, seen: seen if round(50 * t) % 50 == 0 else {n: seen[n] for n in ("v_x", "r")}, RING),
         (lambda t, seen: seen | {"X": seen["X"] + 8.0 * (t > 5)}, LINE),
+        (lambda t, seen: seen if round(50 * t) % 80 == 0 else {n: seen[n] for n in ("v_x", "r")}, TIGHT),
     ):
         assert (Drive(path, 15.0, told, v=4.0).wanted[60:] > 0).all()
+
+
+@needs_compiler
+def test_a_car_that_creeps_for_long_is_not_lost():
+    """Below the speed of lateral models nothing is filtered; the pose is known all the same."""
+    slow = Path.from_points(np.linspace(0.0, 300.0, 60), np.zeros(60)).with_speed(1.0)
+    crept = Drive(slow, 90.0, v=1.0)
+    assert crept.X[-1] > 80
+    assert {c.message for c in crept.commands[5:]} == {"the car stands or creeps, the wheels stay where they are"}
 
 
 @needs_compiler

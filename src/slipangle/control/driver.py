@@ -259,13 +259,14 @@ class Driver(Brief):
         """Bring the estimate to now, ``behind`` samples after the last; what hinders, empty if nothing does."""
         moving, begun = self._v_x if self._watch.speed_known(self._now) else math.nan, set[str]()
         here = (self._raw["X"], self._raw["Y"]) if {"X", "Y"} <= self._pending.keys() else None
-        ago = max((self._now - self._seen[n] for n in ("X", "Y") if n in self._seen), default=0.0)
-        self._watch.move(self._now, self._v_x, behind * self.dt, ago, here)
+        self._watch.move(self._now, self._v_x, behind * self.dt, here)
         if self._tracker is not None and math.isnan(moving):
             moving = self._v_x  # it goes on with what it knows, and should stop
         if not moving >= self._slowest:
             self._tracker, self._plan = None, None
             self._pending.clear()
+            if here:
+                self._watch.see(self._now)
             return HINDERED[1] if math.isnan(moving) else HINDERED[2]
         if self._tracker is None or behind * self.dt > LONGEST_GAP:
             if not self._watch.pose_known(self._now):
@@ -289,7 +290,7 @@ class Driver(Brief):
             if good or name in begun:
                 self._seen[name] = self._now
         if self._seen.get("X") == self._seen.get("Y") == self._now:
-            self._watch.see()
+            self._watch.see(self._now)
         if self._trusts and not math.isnan(surprise := tracker.surprise):
             self._surprise += self.dt / TRUSTED * (min(surprise, DOUBTED) - self._surprise)
         self._pending.clear()

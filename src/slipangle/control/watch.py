@@ -11,7 +11,10 @@ from slipangle.paths.path import Path
 # For a road car; lengths scale with the wheelbase, times and speeds with its root.
 SPEED_GAP, POSE_GAP = 1.0, 2.0  # s without a speed, or a pose, after which it is not known any more
 WAY_OFF, TURN_OFF = 0.01, 0.003  # share and rad/s by which a measured speed and yaw rate are taken to be off
-WINDOW = 1.0  # s over which the way by the speed is set beside that between two positions
+WINDOW, LONG = (
+    1.0,
+    1.5,
+)  # s over which the way by the speed is set beside that between two positions; of that, from which turns count
 APART, SLOW = 0.25, 1.0  # share and m/s by which these may differ
 TWICE = 2  # windows in a row in which they do, from which they contradict each other
 AWAY = 2.0  # rad off the path's heading from which a car does not come back by driving on
@@ -38,13 +41,13 @@ class Watch:
         self._window, self._slow = WINDOW * math.sqrt(size), SLOW * math.sqrt(size)
         self._told: dict[str, float] = {}
         self._from: tuple[float, float, float] | None = None
-        self._way, self._blind, self._odd, self._read = 0.0, 0.0, 0, math.nan
+        self._way, self._blind, self._seen, self._odd, self._read = 0.0, 0.0, 0.0, 0, math.nan
 
     @property
     def numbers(self) -> dict[str, float]:
         """What it goes by, for its C."""
         known = {"SPEED_GAP": SPEED_GAP, "POSE_GAP": POSE_GAP, "WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF}
-        known |= {"WINDOW": self._window, "SLOW": self._slow, "APART": APART, "TWICE": TWICE}
+        known |= {"WINDOW": self._window, "SLOW": self._slow, "APART": APART, "TWICE": TWICE, "LONG": LONG}
         return {f"WATCH_{n}": v for n, v in (known | {"AWAY": AWAY, "FAR": self._far}).items()}
 
     def note(self, name: str, t: float) -> None:
@@ -59,16 +62,16 @@ class Watch:
         """Whether the pose was said lately."""
         return all(now - self._told.get(name, -math.inf) <= POSE_GAP for name in POSE)
 
-    def move(self, now: float, v_x: float, seconds: float, ago: float, position: tuple[float, float] | None) -> None:
+    def move(self, now: float, v_x: float, seconds: float, position: tuple[float, float] | None) -> None:
         """Count the way by the speed [m/s] since the last call, and set it beside that from position to position.
 
-        Where the position was taken in so long ``ago`` [s], errors of speed and yaw rate that no filter knows add up.
+        Since the position was taken in, errors of speed and yaw rate that no filter knows add up.
 
         A speed that contradicts the positions is believed again when they agree and it reads otherwise than then: one
         that is stuck agrees as well, when the car has come down to it.
         """
         way = 0.0 if math.isnan(v_x) else v_x * seconds
-        self._blind += abs(way) * (WAY_OFF + TURN_OFF * ago)
+        self._blind += abs(way) * (WAY_OFF + TURN_OFF * (now - self._seen))
         self._way += way
         if position is None:
             return
@@ -77,15 +80,16 @@ class Watch:
             if passed < self._window:
                 return
             between = math.sqrt((position[0] - self._from[1]) ** 2 + (position[1] - self._from[2]) ** 2)
-            if abs(between - self._way) > APART * max(between, self._way) + self._slow * passed:
+            bent = between < self._way and passed > LONG * self._window  # a turn may have brought the car back
+            if abs(between - self._way) > APART * max(between, self._way) + self._slow * passed and not bent:
                 self._odd, self._read = self._odd + 1, v_x
             elif self._odd < TWICE or v_x != self._read:
                 self._odd = 0
         self._from, self._way = (now, *position), 0.0
 
-    def see(self) -> None:
-        """The position was taken in."""
-        self._blind = 0.0
+    def see(self, now: float) -> None:
+        """The position was taken in, or is all that is known of a car that stands."""
+        self._blind, self._seen = 0.0, now
 
     def reason(self, now: float, std: float, at: tuple[float, float, float]) -> int:
         """Why the car should stop, or that it is far beside the path: a place in `UNSURE` after `HINDERED`; else 0.

@@ -147,18 +147,14 @@ static int observe(Driver *d, int64_t behind)
 {
     int X = OUTPUT_OF_POSE[0], Y = OUTPUT_OF_POSE[1], stale = !speed_known(&d->watch, d->now);
     int posed = X >= 0 && Y >= 0 && d->pending[X] == d->pending[X] && d->pending[Y] == d->pending[Y];
-    double ago = 0;
-    for (int k = 0; k < 2; k++) {
-        int i = OUTPUT_OF_POSE[k];
-        double since = i >= 0 && d->seen[i] == d->seen[i] ? (double)(d->now - d->seen[i]) : 0;
-        ago = since > ago ? since : ago;
-    }
-    watch_move(&d->watch, d->now, d->v_x, (double)behind * CAR_DT, ago, posed, d->raw[POSE[0]], d->raw[POSE[1]]);
+    watch_move(&d->watch, d->now, d->v_x, (double)behind * CAR_DT, posed, d->raw[POSE[0]], d->raw[POSE[1]]);
     double moving = stale && !d->tracking ? NAN : d->v_x; /* a car that moves goes on with what it knows, and should stop */
     if (!(moving >= SLOWEST)) {
         d->tracking = d->planned = 0;
         for (int i = 0; i < NY; i++)
             d->pending[i] = NAN;
+        if (posed)
+            watch_see(&d->watch, d->now);
         return moving != moving ? CAR_SPEED_UNKNOWN : CAR_STANDING;
     }
     int begun = 0;
@@ -183,7 +179,7 @@ static int observe(Driver *d, int64_t behind)
         d->pending[i] = NAN;
     }
     if (X >= 0 && Y >= 0 && d->seen[X] == d->now && d->seen[Y] == d->now)
-        d->watch.blind = 0;
+        watch_see(&d->watch, d->now);
 #ifdef TRUSTED
     wonder(&d->filter, &d->surprise);
 #endif

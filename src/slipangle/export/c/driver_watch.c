@@ -4,7 +4,7 @@
 #define SPEED_GAP ((car_seconds)WATCH_SPEED_GAP)
 
 typedef struct {
-    car_seconds told[CAR_CHANNELS], from_t; /* when each channel said what can be, NaN before; the position to count from */
+    car_seconds told[CAR_CHANNELS], from_t, seen; /* when each channel said what can be, NaN before; positions */
     double from[2], way, blind, read;
     int counted, odd;
 } Watch;
@@ -28,10 +28,10 @@ static int pose_known(const Watch *w, car_seconds now)
 
 /* Counts the way by the speed since the last call, and sets it beside that from position to position. A speed that
    contradicts the positions is believed again when they agree and it reads otherwise than then. */
-static void watch_move(Watch *w, car_seconds now, double v_x, double passed, double ago, int posed, double X, double Y)
+static void watch_move(Watch *w, car_seconds now, double v_x, double passed, int posed, double X, double Y)
 {
     double way = v_x == v_x ? v_x * passed : 0;
-    w->blind += fabs(way) * (WATCH_WAY_OFF + WATCH_TURN_OFF * ago); /* errors that no filter knows */
+    w->blind += fabs(way) * (WATCH_WAY_OFF + WATCH_TURN_OFF * (double)(now - w->seen)); /* errors that no filter knows */
     w->way += way;
     if (!posed)
         return;
@@ -41,13 +41,17 @@ static void watch_move(Watch *w, car_seconds now, double v_x, double passed, dou
             return;
         double dx = X - w->from[0], dy = Y - w->from[1], between = sqrt(dx * dx + dy * dy);
         double most = w->way > between ? w->way : between;
-        if (fabs(between - w->way) > WATCH_APART * most + WATCH_SLOW * seconds)
+        int bent = between < w->way && seconds > WATCH_LONG * WATCH_WINDOW; /* a turn may have brought it back */
+        if (fabs(between - w->way) > WATCH_APART * most + WATCH_SLOW * seconds && !bent)
             w->odd++, w->read = v_x;
         else if (w->odd < WATCH_TWICE || v_x != w->read)
             w->odd = 0;
     }
     w->counted = 1, w->from_t = now, w->from[0] = X, w->from[1] = Y, w->way = 0;
 }
+
+/* The position was taken in, or is all that is known of a vehicle that stands. */
+static void watch_see(Watch *w, car_seconds now) { w->blind = 0, w->seen = now; }
 
 /* Why the vehicle should stop, or that it is far beside the path; else CAR_PLANNED. */
 static int watch_reason(const Watch *w, car_seconds now, double std, double s, double e_y, double e_psi)
