@@ -9,6 +9,7 @@ import pytest
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.control.driver import Driver
 from slipangle.control.speed.driver import SpeedDriver
+from slipangle.control.watch import CONTRADICTED, Watch
 from slipangle.estimate.ekf import EKF
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
@@ -25,7 +26,6 @@ PEDALS = SpeedDriver(
 )
 LINE = Path.from_points(np.linspace(0.0, 1500.0, 300), np.zeros(300)).with_speed(15.0)
 ANGLE = np.linspace(0, 2 * np.pi, 181)
-TIGHT = Path.from_points(16 * np.cos(ANGLE), 16 * np.sin(ANGLE), closed=True).with_speed(8.0)
 RING = Path.from_points(60 * np.cos(ANGLE), 60 * np.sin(ANGLE), closed=True).with_speed(12.0)
 
 
@@ -120,9 +120,29 @@ def test_sound_speeds_are_not_doubted():
         (lambda t, seen: seen, RING),
         (lambda t, seen: seen if round(50 * t) % 50 == 0 else {n: seen[n] for n in ("v_x", "r")}, RING),
         (lambda t, seen: seen | {"X": seen["X"] + 8.0 * (t > 5)}, LINE),
-        (lambda t, seen: seen if round(50 * t) % 80 == 0 else {n: seen[n] for n in ("v_x", "r")}, TIGHT),
     ):
         assert (Drive(path, 15.0, told, v=4.0).wanted[60:] > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("every", "true", "told", "doubted"),
+    [(2.0, 12.0, 12.0, False), (1.0, 12.0, 12.0, False), (2.0, 20.0, 12.0, True), (1.0, 12.0, 22.0, True)],
+)
+@pytest.mark.parametrize("radius", [12.0, 60.0, 1e6])
+def test_a_way_that_bends_back_is_no_contradiction(every, true, told, doubted, radius):
+    """Positions every second or two of a car that turns by up to 1 rad/s, whose chords are shorter than its way."""
+    watch = Watch(RING, 1.0, 1.0)
+    for k in range(1000):
+        t = 0.02 * k
+        place = (radius * math.cos(true * t / radius), radius * math.sin(true * t / radius))
+        for name in ("v_x", "X", "Y", "psi"):
+            watch.note(name, t)
+        posed = place if k % round(50 * every) == 0 else None
+        watch.move(t, told + 1e-6 * k, 0.02, posed)
+        if posed:
+            watch.see(t)
+    hidden = radius == 12.0 and every == 2.0  # a turn of 190 degrees between two positions
+    assert (watch.reason(t, 0.0, (0.0, 0.0, 0.0)) == CONTRADICTED) == (doubted and not hidden)
 
 
 @needs_compiler
