@@ -193,7 +193,7 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
         t += {100: 0.5, 200: 2.0}.get(k, 0.8 if k > 330 else 0.02 if k % 3 else 0.01)
     assert exported.step([math.nan] * len(names), t - 1.0)[0] == 3
     assert exported.step([math.nan] * len(names), math.nan)[0] == 3
-    assert seen >= {0, 1, 2, 3, 4}
+    assert seen - {8, 9} == {0, 1, 2, 3, 4}  # and, by wild numbers, facing away and far beside
     whole.reset()
     exported.start()
     told = {"X": 0.0, "Y": 0.1, "psi": 0.0, "v_x": 20.0, "r": 0.0}

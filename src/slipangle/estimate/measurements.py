@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -101,9 +100,6 @@ class Gates:
         one_side = np.where(error * self._in_row > 0, self._in_row, 0) + np.where(error > 0, 1, -1)
         np.copyto(self._in_row, np.where(off, one_side, 0), where=fresh)
         self.squares[:] = np.where(np.abs(self._in_row) >= self._patience, OPEN, self._closed)
-
-
-FULL_TURN = 2 * math.pi  # rad
 
 
 def headings(model: Any) -> list[int]:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.data.headings import TURN
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError
 from slipangle.estimate.filter import Scales, filter_step, fitted, parametrised, varied
 from slipangle.estimate.filter_run import FilterRun
-from slipangle.estimate.measurements import FULL_TURN, Gates, Intake, Late, Row, by_name, headings, plain_name
+from slipangle.estimate.measurements import Gates, Intake, Late, Row, by_name, headings, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
 from slipangle.models.repeated import as_one
@@ -134,7 +135,7 @@ class RecursiveVehicle:
         self._seen[:] = self._finite_y
         for i, a in self._headings:  # instruments say them from -180 to 180 degrees or 0 to 360
             if self._finite_y[i] and self._dt[0] > 0:
-                self._y[i] += FULL_TURN * math.floor((self._z[a] - self._y[i]) / FULL_TURN + 0.5)
+                self._y[i] += TURN * math.floor((self._z[a] - self._y[i]) / TURN + 0.5)
         if not self._finite_y.all():
             self._y[~self._finite_y] = 0.0
         self._estimate()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands, CompiledDriver
+from slipangle.control.watch import LOST
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.export.built_controller import Counters, output_of, plan_of
 from slipangle.export.built_folder import BuiltFolder, loaded, memory, numbers, view
@@ -22,7 +23,6 @@ from slipangle.paths.path import Path
 
 PATH = "path.csv"
 COLUMNS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
-LOST = len(HINDERED)  # the reason after those
 
 
 class BuiltDriver:

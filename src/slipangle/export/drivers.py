@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -114,8 +113,7 @@ def _source(driver: Driver) -> str:
     ]
     codes = CODES if driver._turns else CODES | {"HEADING": NO_HEADING}
     code = template("driver.c").replace("@MEMORY@", template("driver_memory.c"))
-    begun, rest = code.split("typedef struct {", 1)
-    code = f"{begun}{template('driver_watch.c')}\ntypedef struct {{{rest}"
+    code = code.replace("@WATCH@", template("driver_watch.c"))
     return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), code])
 
 
@@ -153,7 +151,7 @@ def _of_model(driver: Driver) -> list[str]:
     places = {"STEERING": model.inputs.index(driver.steering), "SPEED": known.index("v_x")}
     # m/s, below which a lateral model does not describe the vehicle; m/s and m/s2 by which a measured speed may change
     # at once and over time; m of standard deviation of the position from which the vehicle should stop
-    sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost, "HALF_TURN": math.pi}
+    sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost}
     sized |= driver._watch.numbers
     lines += [f"#define {n} {number(v)}" for n, v in sized.items()]
     return [*lines, *(f"#define {n} {v}" for n, v in places.items())]

@@ -10,7 +10,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.filter import Scales, filter_step
-from slipangle.estimate.measurements import FULL_TURN, OPEN, headings
+from slipangle.estimate.measurements import OPEN, headings
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import table
 from slipangle.export.memory import size_of
@@ -43,9 +43,7 @@ def filter_source(estimator: EKF, **functions: ca.Function | Repeated) -> str:
     gate = OPEN if estimator.gate is None else float(estimator.gate**2)
     lines = [f"#define {n} {v}" for n, v in numbers.items()]
     lines += [f"#define GATE ({'INFINITY' if gate == OPEN else repr(gate)})", table("AT_START", tracker._P)]
-    turning = headings(model)
-    if max(turning) >= 0:
-        lines += [f"#define FULL_CIRCLE {FULL_TURN!r}", table("HEADINGS", turning, "int")]
+    lines.append(table("HEADINGS", headings(model), "int"))
     looking_back = isinstance(estimator, MHE)
     lines += [table("LATE", late, "int")] if any(late) or functions or looking_back else []
     functions = {"filter_step": filter_step(estimator, Scales(estimator)), **functions}

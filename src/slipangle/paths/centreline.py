@@ -151,17 +151,7 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
     table = np.array(rows)
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
-    places = chosen(columns) if columns else []
-    if columns:
-        if places is None:
-            raise FormatError(
-                f"'{source.name}' is headed {', '.join(columns)}; expected one x and one y among them, such as x_m, "
-                "y_m, w_tr_right_m, w_tr_left_m: name the columns"
-            )
-        table, columns = table[:, places], [columns[j] for j in places]
     table, origin = in_metres(table, columns, source.name)
-    if places and len(places) == 4 and places[2] == places[3]:
-        table[:, 2:] *= 0.5
     if (table[:, 2:] < 0).any():
         raise FormatError(
             f"'{source.name}' has a width of {table[:, 2:].min():g} m; expected distances to the right and left edge "

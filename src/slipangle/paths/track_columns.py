@@ -41,22 +41,29 @@ def chosen(columns: list[str]) -> list[int] | None:
 
 
 def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.ndarray, tuple[float, float] | None]:
-    """The numbers of a track in metres by the units of its headings, and its origin [rad] if these are places on Earth.
+    """What is `chosen` of a track in metres by the units of its headings, and its origin [rad] if it is on Earth.
 
-    Of latitude and longitude, in degrees unless headed in rad, x is east and y north of the first point. A width
-    without a unit has that of x; numbers without any are in metres.
+    Without headings it is the table as it stands. Of latitude and longitude, in degrees unless headed in rad, x is east
+    and y north of the first point. A width without a unit has that of x; numbers without any are in metres.
 
     Raises
     ------
     FormatError
-        If a place is none on Earth.
+        If the headings name no x and y, or a place is none on Earth.
     """
-    if len(columns) != table.shape[1]:
+    if not columns:
         return table, None
+    kept = chosen(columns)
+    if kept is None:
+        raise FormatError(
+            f"'{source}' is headed {', '.join(columns)}; expected one x and one y among them, such as x_m, y_m, "
+            "w_tr_right_m, w_tr_left_m: name the columns"
+        )
+    table, columns = table[:, kept], [columns[j] for j in kept]
     said = [found.group(1) if (found := _UNIT.search(name)) else "" for name in columns]
     order = [next((j for j in (0, 1) if columns[j].startswith(words)), None) for words in (("lat",), ("lon", "lng"))]
-    table = table.copy()
-    table[:, 2:] *= [_metres(unit or said[0]) for unit in said[2:]]
+    share = 0.5 if len({*kept}) < len(kept) else 1.0  # of the width of the whole track
+    table[:, 2:] *= [share * _metres(unit or said[0]) for unit in said[2:]]
     if None in order:
         table[:, :2] *= [_metres(unit) for unit in said[:2]]
         return table, None

@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
+from slipangle.models.analysis.responses import quantile
 from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.optimal.lap.lap import Lap
@@ -209,7 +210,7 @@ def open_said(lap: Lap, std: float) -> str:
     if math.isinf(std):
         return " The log leaves what the car can hold open, and with it this time."
     vague = ": drive nearer to the limit for a closer one" if std > VAGUE * lap.time else ""
-    return f" By what the log leaves open of the car, the time is ±{1.96 * std:.2g} s (95 %){vague}."
+    return f" By what the log leaves open of the car, the time is ±{quantile(0.95) * std:.2g} s (95 %){vague}."
 
 
 def worth_table(lap: Lap) -> Table:

@@ -38,6 +38,15 @@ _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and 
 _ANEW = 5  # times that an offset is told, each without the one before
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
+_OF_A_Y = (  # a_y over v_x r from, to, in words, and whether v_x or r is wrong
+    (1 / 110, 1 / 30, "of v_x r: r is logged in deg/s; declare its unit as deg/s", True),
+    (1 / 14, 1 / 6, "of v_x r: a_y is logged in g; declare its unit as g", False),
+    (1 / 4.6, 1 / 2.6, "of v_x r: v_x is logged in km/h; declare its unit as km/h", True),
+    (1 / 2.6, 1 / 1.9, "of v_x r: v_x is logged in mph; declare its unit as mph", True),
+    (2.6, 4.6, "times v_x r: v_x is declared in km/h and logged in m/s; declare its unit as m/s", True),
+    (6.0, 14.0, "times v_x r: a_y is declared in g and logged in m/s2; declare its unit as m/s2", False),
+    (30.0, 110.0, "times v_x r: r is declared in deg/s and logged in rad/s; declare it as rad/s", True),
+)
 
 
 def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
@@ -142,31 +151,9 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
         return [f"r comes {late:.2f} s behind a_y: it is logged late; shift it, or take another sensor"], True
     if agree < 0.7:
         return [], False
-    if 1.9 < 1 / slope <= 2.6:
-        return [f"a_y is {slope:.2g} of v_x r: v_x is logged in mph; declare its unit as mph"], True
-    if 2.6 < 1 / slope < 4.6:
-        return [f"a_y is {slope:.2g} of v_x r: v_x is logged in km/h; declare its unit as km/h"], True
-    if 30 < 1 / slope < 110:
-        return [f"a_y is {slope:.2g} of v_x r: r is logged in deg/s; declare its unit as deg/s"], True
-    if 6 < 1 / slope < 14:
-        return [f"a_y is {slope:.2g} of v_x r: a_y is logged in g; declare its unit as g"], False
-    return _too_small(slope)
-
-
-def _too_small(slope: float) -> tuple[list[str], bool]:
-    """Where a_y is so many times v_x r: channels declared in a larger or smaller unit than that of their numbers."""
-    if 2.6 < slope < 4.6:
-        return [
-            f"a_y is {slope:.2g} times v_x r: v_x is declared in km/h and logged in m/s; declare its unit as m/s"
-        ], True
-    if 30 < slope < 110:
-        return [
-            f"a_y is {slope:.2g} times v_x r: r is declared in deg/s and logged in rad/s; declare it as rad/s"
-        ], True
-    if 6 < slope < 14:
-        return [
-            f"a_y is {slope:.2g} times v_x r: a_y is declared in g and logged in m/s2; declare its unit as m/s2"
-        ], False
+    for low, high, words, wrong in _OF_A_Y:
+        if low < slope < high:
+            return [f"a_y is {slope:.2g} {words}"], wrong
     return [], False
 
 

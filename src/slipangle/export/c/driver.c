@@ -3,6 +3,7 @@
 #define LONGEST_GAP 1.0 /* s between two calls, after which the estimator starts anew */
 #define QUARTER ((car_seconds)0.25)
 
+@WATCH@
 typedef struct {
     Filter filter;
     double raw[CAR_CHANNELS]; /* what each channel read last, NaN before */
@@ -315,7 +316,7 @@ static void decide(car_driver *memory, Driver *d, int hindered)
         if (X == X && Y == Y) {
             project(d, X, Y, found);
             double std = pose_known(&d->watch, d->now) ? 0 : INFINITY;
-            double off = psi == psi ? remainder(psi - found[2], 2 * HALF_TURN) : 0;
+            double off = psi == psi ? remainder(psi - found[2], FULL_TURN) : 0;
             reason = watch_reason(&d->watch, d->now, std, found[0], found[1], off);
         }
         c->s = is_finite(d->s) ? d->s : 0;
@@ -332,7 +333,7 @@ static void decide(car_driver *memory, Driver *d, int hindered)
         project(d, c->state[MOTION[0]], c->state[MOTION[1]], found);
         c->s = d->s, c->e_y = found[1];
         plan(memory, d);
-        double off = remainder(c->state[MOTION[2]] - found[2], 2 * HALF_TURN);
+        double off = remainder(c->state[MOTION[2]] - found[2], FULL_TURN);
         c->reason = watch_reason(&d->watch, d->now, most, found[0], found[1], off);
         c->wanted_v_x = d->plan.stopping || (c->reason && c->reason != CAR_BESIDE) ? 0 : speed(d->s);
     }

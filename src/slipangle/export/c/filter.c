@@ -1,5 +1,7 @@
 /* An estimator, one sample at a time. The same numbers as those of `RecursiveVehicle`. */
 
+#define FULL_TURN 6.283185307179586
+
 typedef struct {
     double z[NZ], P[NZ * NZ]; /* states, parameters, offsets of sensors; their covariance */
     double before[NU], u[NU]; /* inputs since the sample before, and at this one */
@@ -61,10 +63,8 @@ static int filter_take(Filter *f, const double *y, const double *u)
         f->fresh[i] = is_finite(y[i]);
         s->y[i] = f->fresh[i] ? y[i] : 0;
         s->seen[i] = (double)f->fresh[i];
-#ifdef FULL_CIRCLE
         if (HEADINGS[i] >= 0 && f->fresh[i] && s->dt > 0) /* said from -180 to 180 degrees or 0 to 360 */
-            s->y[i] += FULL_CIRCLE * floor((s->z[HEADINGS[i]] - s->y[i]) / FULL_CIRCLE + 0.5);
-#endif
+            s->y[i] += FULL_TURN * floor((s->z[HEADINGS[i]] - s->y[i]) / FULL_TURN + 0.5);
     }
     memcpy(s->u, u, sizeof s->u);
     if (!again(f))

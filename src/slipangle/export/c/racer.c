@@ -1,6 +1,5 @@
 /* From measurements to commands of a vehicle at its limit. The same decisions as those of `Racer.step`. */
 
-#define FULL_TURN 6.283185307179586
 
 typedef struct {
     double grip, grip_std, known, mean, pressed; /* of the lap before; while driving; s of full throttle */

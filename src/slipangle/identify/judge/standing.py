@@ -167,8 +167,9 @@ def _better(model: np.ndarray, simple: np.ndarray) -> bool:
         return False
     alike = gain / np.where(size > 0, size, 1.0)
     if size.max() > _MOSTLY * size.sum():
-        gain = alike
-    ways = (gain, alike) if np.mean(gain) > 0 else (gain,)
+        ways = (alike,)
+    else:
+        ways = (gain, alike) if np.mean(gain) > 0 else ()
     limit = float(stats.t.ppf(1 - _LEVEL, parts - 1)) / np.sqrt(parts)
     return any(float(np.mean(way)) > limit * float(np.std(way, ddof=1)) for way in ways)
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import SlipangleError
+from slipangle.identify.linear.lags import Windows, triangle
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import Model
 from slipangle.numerics.covariance import autoregression
@@ -16,7 +17,6 @@ from slipangle.numerics.covariance import autoregression
 _SEEN = 1 << 14  # samples that are looked at, from the start
 _SHARE = 0.01  # of the residual's variance that its own past tells, from which it is called coloured
 _RARE = 1e-3  # of residuals that only noise of the equation leaves are said to be told by a free run
-_DEPENDENT = 1e-10  # singular value of scaled regressors, in parts of the largest, below which one is a sum of others
 _NOISE = 1e-6  # residual in parts of the output, below which it is rounding
 
 
@@ -96,42 +96,33 @@ def _colour(pieces: list[np.ndarray], variance: float) -> str | None:
 
 def _told_by_free_run(model: ARXModel, parts: Sequence[Dataset]) -> dict[int, float]:
     """Share of the residual that lagged outputs of a free run tell, by the outputs where that is no chance."""
-    y, own, run = [], [], []
+    memory, ny = model.memory, len(model.outputs)
+    long = [part for part in parts if part.n_samples > memory]
     try:
-        for part in parts:
-            if part.n_samples > model.memory:
-                y.append(part.columns(model.outputs)[model.memory :])
-                own.append(_lagged(model, part, part.columns(model.outputs)))
-                run.append(_lagged(model, part, model._simulate(part).y)[:, : len(model.A) * len(model.outputs)])
+        free_runs = [model._simulate(part).y for part in long]
     except SlipangleError:  # a free run that leaves the finite numbers
         return {}
-    if not y or not np.isfinite(np.concatenate(run)).all():
+    if not long or not np.isfinite(np.vstack(free_runs)).all():
         return {}
-    target, plain = np.concatenate(y), np.concatenate(own)
-    (before, p), (after, q) = _left(plain, target), _left(np.hstack([plain, np.concatenate(run)]), target)
-    free = len(target) - q
-    if q <= p or free <= 0:
+    data, names = join(*long), (*model.outputs, *model.inputs, *(f"{name}, free run" for name in model.outputs))
+    for name, column in zip(names[-ny:], np.vstack(free_runs).T, strict=True):
+        data = data.with_channel(name, column)
+    windows = Windows(data=data, names=names, lags=memory + 1)
+    at = (memory - np.arange(memory + 1)) * len(names)  # of each lag in a window
+    inputs = [at[lag] + ny + j for lag, b in enumerate(model.B, model.nk) for j in np.flatnonzero(b.any(axis=0))]
+    past = [at[i] + j for i in range(1, model.na + 1) for j in range(ny)]
+    run = [k + len(names) - ny for k in past]
+    constant = bool(model.c.any())
+    p, more = len(past) + len(inputs) + constant, len(run)
+    free = windows.count - p - more
+    if free <= ny:
         return {}
+    columns = [*past, *inputs, *run, *range(at[0], at[0] + ny)]
+    left = triangle(windows, columns, constant=constant, scale=np.ones(len(columns) + constant))[:, -ny:]
+    before, after = (np.sum(left[k:] ** 2, axis=0) for k in (p, p + more))  # of what the columns up to there leave
     with np.errstate(divide="ignore", invalid="ignore"):
-        rare = f_distribution.sf((before - after) / (q - p) / (after / free), q - p, free) < _RARE / len(before)
+        rare = f_distribution.sf((before - after) / more / (after / free), more, free) < _RARE / ny
     return {int(i): float(1 - after[i] / before[i]) for i in np.flatnonzero(rare)}
-
-
-def _lagged(model: ARXModel, part: Dataset, y: np.ndarray) -> np.ndarray:
-    """Regressors of an experiment with these outputs, shape (n - memory, n_regressors): outputs, inputs, a constant."""
-    u, n, first = part.columns(model.inputs), part.n_samples, model.memory
-    past = [y[first - lag : n - lag] for lag in range(1, len(model.A) + 1)]
-    used = [np.flatnonzero(b.any(axis=0)) for b in model.B]
-    drive = [u[first - lag : n - lag, i] for lag, i in enumerate(used, model.nk)]
-    return np.hstack([*past, *drive, np.full((n - first, int(model.c.any())), 1.0)])
-
-
-def _left(regressors: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, int]:
-    """Sum of squares that least squares leaves of each column of ``y``, and how many regressors count."""
-    size = np.linalg.norm(regressors, axis=0)
-    basis, singular, _ = np.linalg.svd(regressors[:, size > 0] / size[size > 0], full_matrices=False)
-    basis = basis[:, singular > _DEPENDENT * singular.max(initial=0.0)]
-    return np.sum((y - basis @ (basis.T @ y)) ** 2, axis=0), basis.shape[1]
 
 
 def _residual(model: ARXModel, part: Dataset) -> np.ndarray:

@@ -37,13 +37,8 @@ def between_samples(problem: FreeRunProblem, found: Minimum, known: np.ndarray) 
     if found.diverged or not np.isfinite(known).all() or (not to_lines and notes[-1] != MEANS):
         return None
     other = problem.data.hold_mean() if to_lines else _before_means(problem.data)
-    runs = []
-    with np.errstate(over="ignore", invalid="ignore"):
-        for i, part in enumerate(other.experiments):
-            x0, slope = problem.initial(i, found.z)
-            run = problem.run(x0, slope[:, :0], problem.model.drive_rows(part), problem.parameters(i, found.z))
-            runs.append((run[1:, :, 0] - problem.measured[i][1:]) / problem.sigma)
-    error = np.concatenate(runs).ravel()
+    rows = [problem.model.drive_rows(part) for part in other.experiments]
+    error = np.concatenate(list(problem.errors(found.z, rows))).ravel()
     if not np.isfinite(error).all():
         return None
     inverse, square = inverse_information(found.jacobian), float(found.error @ found.error)

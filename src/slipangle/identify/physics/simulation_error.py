@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -200,13 +200,17 @@ class FreeRunProblem:
     def cost(self, z: np.ndarray) -> float:
         """Sum of squared weighted errors, without derivatives; a free run that diverges counts as `_WORST`."""
         total = 0.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            for i, y in enumerate(self.measured):
-                x0, slope = self.initial(i, z)
-                run = self.run(x0, slope[:, :0], self.rows[i], self.parameters(i, z))[1:, :, 0]
-                error = np.nan_to_num((run - y[1:]) / self.sigma, nan=_WORST, posinf=_WORST, neginf=-_WORST)
-                total += float(np.sum(np.clip(error, -_WORST, _WORST) ** 2))
+        for part in self.errors(z, self.rows):
+            error = np.nan_to_num(part, nan=_WORST, posinf=_WORST, neginf=-_WORST)
+            total += float(np.sum(np.clip(error, -_WORST, _WORST) ** 2))
         return total
+
+    def errors(self, z: np.ndarray, rows: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+        """Weighted errors of each experiment in turn, shape (n, n_outputs), driven by ``rows``, without derivatives."""
+        for i, y in enumerate(self.measured):
+            x0, slope = self.initial(i, z)
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield (self.run(x0, slope[:, :0], rows[i], self.parameters(i, z))[1:, :, 0] - y[1:]) / self.sigma
 
     def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted errors, shape (n_rows * n_outputs,), and their Jacobian over z."""

@@ -184,9 +184,8 @@ def directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:
     correlation = info.correlation[np.ix_(rows, rows)]  # free of units: small variances are no rounding of large ones
     size, vector = np.linalg.eigh((correlation + correlation.T) / 2)
     shown = ", ".join(names[:6]) + (" and others" if len(names) > 6 else "")
-    return f"{quantile(0.95):.3g} standard deviations of {shown}", (
-        std[:, None] * vector * np.sqrt(np.maximum(size, 0.0))
-    ).T
+    root = std[:, None] * vector * np.sqrt(np.maximum(size, 0.0))
+    return f"{quantile(0.95):.3g} standard deviations of {shown}", root.T
 
 
 def _row(
