@@ -309,6 +309,9 @@ def test_columns_of_a_track_go_by_their_headings(tmp_path):
         path = read(*names)
         np.testing.assert_array_equal((path.X, path.Y), (plain.X, plain.Y))
         assert path.right is path.left is None
+    for x, y in (("pos_x_m", "pos_y_m"), ("easting_m", "northing_m"), ("Center_X", "Center_Y"), ("X", "Y")):
+        known |= {x: known["x_m"], y: known["y_m"]}
+        np.testing.assert_array_equal(read(y, "s_m", x).X, plain.X)
     path = read("x_m", "y_m", "v [km/h]", "width_m")
     assert path.right[0] == path.left[0] == 4
     with pytest.raises(FormatError, match=r"is headed s_m, v \[km/h\]; expected one x and one y"):

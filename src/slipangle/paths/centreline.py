@@ -128,7 +128,7 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
         if not rows:
             swapped, said = swapped or _left_first(line), said_of_columns(line)
             columns = said if said and not (line.lstrip().startswith("#") and chosen(said) is None) else columns
-            content = "" if re.fullmatch(r"[^\d]*[a-z]{2}[^\d]*", content, re.I) else content  # headings
+            content = "" if said or re.fullmatch(r"[^\d]*[a-z]{2}[^\d]*", content, re.I) else content  # headings
         if not content:
             continue
         try:

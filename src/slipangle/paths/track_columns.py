@@ -10,7 +10,10 @@ from slipangle import units
 from slipangle.data.race import equirectangular
 from slipangle.errors import FormatError, ParameterError
 
-_PLACES = r"(x|east(ing)?|pos_?x)\b|x_|lon|lng", r"(y|north(ing)?|pos_?y)\b|y_|lat"
+_PLACES = (
+    r"((cent(er|re)_?|pos_?)?x|east(ing)?)(?![a-z])|lon|lng",
+    r"((cent(er|re)_?|pos_?)?y|north(ing)?)(?![a-z])|lat",
+)
 _WIDTHS = "right", "left", r"^(track_?)?(w\b|w_|width)"
 _UNIT = re.compile(r"[\s_\[(/]+(mm|cm|km|m|ft|deg|rad)[\])]?$")
 
@@ -20,7 +23,7 @@ def said_of_columns(line: str) -> list[str]:
     names = [name.strip().lower() for name in re.split(r"[,;\t]", line.replace("#", " "))]
     if len(names) == 1:
         names = names[0].split()
-    worded = all(re.match(r"[a-z]", name) for name in names)
+    worded = all(re.match(r"(?!(nan|inf)\b)[a-z]", name) for name in names)
     return names if len(names) > 1 and worded else []
 
 
