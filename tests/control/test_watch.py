@@ -182,3 +182,38 @@ def test_the_end_of_a_path_and_ways_off_it_are_said():
     beside = Drive(LINE, 4.0, start=(20.0, 60.0, 0.0))
     assert beside.commands[20].message == "the car is far beside the path"
     assert (beside.wanted[5:] == 15.0).all()
+
+
+@needs_compiler
+def test_a_yaw_rate_of_the_wrong_sign_ends_in_a_stop():
+    """Or a heading in degrees; told once, a car that stands shows nothing else."""
+    for wrong in (lambda t, seen: seen | {"r": -seen["r"]}, lambda t, seen: seen | {"psi": math.degrees(seen["psi"])}):
+        told = Drive(RING, 15.0, wrong)
+        assert any(c.message.startswith("yaw rate and headings contradict") for c in told.commands)
+        assert told.v[-1] == 0
+        assert (told.wanted[-200:] == 0).all()
+
+
+@pytest.mark.parametrize(("gain", "bias", "noise"), [(0.8, 0.0, 0.01), (1.2, 0.0, 0.05), (1.0, 0.05, 0.03)])
+def test_sound_yaw_rates_are_not_doubted(gain, bias, noise):
+    """Gains off by a fifth, biases, headings of a compass, that wrap, at 10 Hz, and turns of several rad/s."""
+    watch, rng, psi = Watch(RING, 1.0, 1.0), np.random.default_rng(4), 0.0
+    for k in range(10000):
+        t = 0.02 * k
+        r = (0.5 + (k > 5000)) * math.sin(0.7 * t) + 4.0 * (7000 < k < 7400)
+        psi += 0.02 * r
+        for name in ("v_x", "X", "Y", "psi"):
+            watch.note(name, t)
+        heading = math.remainder(psi + noise * rng.standard_normal(), 2 * math.pi) if k % 5 == 0 else None
+        watch.turn(t, gain * r + bias, 0.02, heading)
+        watch.see(t)
+        assert watch.reason(t, 0.0, (0.0, 0.0, 0.0)) == 0
+
+
+@needs_compiler
+def test_a_car_that_gets_ever_farther_from_its_path_stops():
+    """Y to the right, as of some instruments: what it does to come back leads it away."""
+    mirrored = Drive(LINE, 20.0, lambda t, seen: seen | {"Y": -seen["Y"]}, start=(0.0, 1.0, 0.0))
+    assert np.abs(mirrored.Y).max() < 60
+    assert mirrored.v[-1] == 0
+    assert any("ever farther" in c.message for c in mirrored.commands)

@@ -193,7 +193,7 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
         t += {100: 0.5, 200: 2.0}.get(k, 0.8 if k > 330 else 0.02 if k % 3 else 0.01)
     assert exported.step([math.nan] * len(names), t - 1.0)[0] == 3
     assert exported.step([math.nan] * len(names), math.nan)[0] == 3
-    assert seen - {8, 9} == {0, 1, 2, 3, 4}  # and, by wild numbers, facing away and far beside
+    assert seen - {7, 9, 10, 11} == {0, 1, 2, 3, 4}  # and, by wild numbers, headings, facing away, far beside
     whole.reset()
     exported.start()
     told = {"X": 0.0, "Y": 0.1, "psi": 0.0, "v_x": 20.0, "r": 0.0}
@@ -229,9 +229,33 @@ def test_same_as_python_where_the_car_should_stop(tmp_path, monkeypatch):
         assert out.value[1] <= 0 or not out.reason or k < 50
         seen.append(out.reason)
     assert 100 < turned < 700
-    assert {5, 6, 7} <= {*seen}
+    assert {5, 6, 8} <= {*seen}
     assert {*seen[:100]} == {0}
     assert {*seen[152:180]} == {5}
+    whole.reset()
+    exported.start()
+    away = [*np.linspace(0.0, 24.0, 120), *np.linspace(24.0, 14.0, 80), *np.linspace(14.0, 5.0, 60)]
+    seen = []
+    for k, e_y in enumerate(away):  # far beside, farther, back
+        told = {"X": -0.3 * k, "Y": -e_y, "psi": math.pi, "r": 0.002 * rng.normal(), "v_x": 15.0 + 1e-9 * k}
+        said = whole.step(told, 0.02 * k)
+        _, out, plan = exported.step([told.get(n, math.nan) for n in names], 0.02 * k)
+        assert alike(out, plan, said, whole), (k, said.message)
+        seen.append(out.reason)
+    assert [r for r, before in zip(seen, [-1, *seen], strict=False) if r != before] == [0, 11, 10, 11, 0]
+    whole.reset()
+    exported.start()
+    X, Y, seen = 0.0, 0.0, []
+    for k in range(800):  # it swings to and fro, by a yaw rate of the wrong sign for six seconds
+        t = 0.02 * k
+        psi, rate = math.pi + 0.8 * math.sin(0.8 * t), 0.64 * math.cos(0.8 * t)
+        X, Y = X + 0.08 * math.cos(psi), Y + 0.08 * math.sin(psi)
+        told = {"X": X, "Y": Y, "psi": psi, "r": rate if k > 300 else -rate, "v_x": 4.0 + 1e-9 * k}
+        said = whole.step(told, 0.02 * k)
+        _, out, plan = exported.step([told.get(n, math.nan) for n in names], 0.02 * k)
+        assert alike(out, plan, said, whole), (k, said.message)
+        seen.append(out.reason)
+    assert [r for r, before in zip(seen, [-1, *seen], strict=False) if r != before] == [0, 7, 0]
 
 
 @needs_compiler

@@ -17,8 +17,10 @@ UNSURE = (  # why a car that moves should stop, in the order of the reasons afte
     "the position is not known any more, the car should stop",
     "the speed was not measured for a second, the car should stop",
     "speed and positions contradict each other, the car should stop",
+    "yaw rate and headings contradict each other, the car should stop",
     "the path has ended, the car should stop",
     "the car faces away from the path, it should stop",
+    "the car is far beside the path and gets ever farther, it should stop",
     "the car is far beside the path",  # the last one says no more than that
 )
 

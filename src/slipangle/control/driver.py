@@ -260,6 +260,8 @@ class Driver(Brief):
         moving, begun = self._v_x if self._watch.speed_known(self._now) else math.nan, set[str]()
         here = (self._raw["X"], self._raw["Y"]) if {"X", "Y"} <= self._pending.keys() else None
         self._watch.move(self._now, self._v_x, behind * self.dt, here)
+        heading = self._raw["psi"] if "psi" in self._pending else None
+        self._watch.turn(self._now, self._raw.get("r", math.nan), behind * self.dt, heading)
         if self._tracker is not None and math.isnan(moving):
             moving = self._v_x  # it goes on with what it knows, and should stop
         if not moving >= self._slowest:

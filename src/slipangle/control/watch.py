@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from slipangle.control.commands import HINDERED, UNSURE
+from slipangle.data.headings import TURN
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
 
@@ -16,11 +17,14 @@ WINDOW, LONG = (
     1.5,
 )  # s over which the way by the speed is set beside that between two positions; of that, from which turns count
 APART, SLOW = 0.25, 1.0  # share and m/s by which these may differ
+TURN_SLOW = 0.3  # rad/s by which a yaw rate and headings may, beside that share
 TWICE = 2  # windows in a row in which they do, from which they contradict each other
+MOST_TURN = 2.5  # rad, of which the nearest turn of a heading is the right one
 AWAY = 2.0  # rad off the path's heading from which a car does not come back by driving on
-FAR = 10.0  # m beside the path from which it is said
+FAR = 10.0  # m beside the path from which it is said, and by which it may then grow
 
-LOST, SPEED_LOST, CONTRADICTED, ENDED, FACING_AWAY, BESIDE = range(len(HINDERED), len(HINDERED) + len(UNSURE))
+_FIRST, _END = len(HINDERED), len(HINDERED) + len(UNSURE)
+LOST, SPEED_LOST, CONTRADICTED, TURN_CONTRADICTED, ENDED, FACING_AWAY, RECEDING, BESIDE = range(_FIRST, _END)
 
 
 class Watch:
@@ -39,16 +43,21 @@ class Watch:
     def __init__(self, path: Path, size: float, lost: float) -> None:
         self._path, self._lost, self._far = path, lost, FAR * size
         self._window, self._slow = WINDOW * math.sqrt(size), SLOW * math.sqrt(size)
+        self._turn_slow = TURN_SLOW / math.sqrt(size)
         self._told: dict[str, float] = {}
         self._from: tuple[float, float, float] | None = None
         self._way, self._blind, self._seen, self._odd, self._read = 0.0, 0.0, 0.0, 0, math.nan
+        self._headed: tuple[float, float] | None = None
+        self._turned, self._odd_turns = 0.0, 0
+        self._nearest = math.inf  # least distance since the car was far beside the path
 
     @property
     def numbers(self) -> dict[str, float]:
         """What it goes by, for its C."""
         known = {"SPEED_GAP": SPEED_GAP, "POSE_GAP": POSE_GAP, "WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF}
         known |= {"WINDOW": self._window, "SLOW": self._slow, "APART": APART, "TWICE": TWICE, "LONG": LONG}
-        return {f"WATCH_{n}": v for n, v in (known | {"AWAY": AWAY, "FAR": self._far}).items()}
+        known |= {"TURN_SLOW": self._turn_slow}
+        return {f"WATCH_{n}": v for n, v in (known | {"MOST_TURN": MOST_TURN, "AWAY": AWAY, "FAR": self._far}).items()}
 
     def note(self, name: str, t: float) -> None:
         """A channel said at a time [s] what can be, new or as before."""
@@ -87,6 +96,28 @@ class Watch:
                 self._odd = 0
         self._from, self._way = (now, *position), 0.0
 
+    def turn(self, now: float, r: float, seconds: float, psi: float | None) -> None:
+        """Count the turn by the yaw rate [rad/s] since the last call, and set it beside that from heading to heading.
+
+        Where they contradict each other only a turn in which they agree is believed: a car that stands shows nothing.
+        An unknown yaw rate is NaN.
+        """
+        self._turned += r * seconds
+        if psi is None:
+            return
+        if self._headed is not None:
+            passed = now - self._headed[0]
+            if passed < self._window:
+                return
+            between, turned = math.remainder(psi - self._headed[1], TURN), abs(self._turned)
+            if turned < MOST_TURN:
+                most, left = max(abs(between), turned), self._turn_slow * passed
+                if abs(between - self._turned) > APART * most + left:
+                    self._odd_turns += 1
+                elif self._odd_turns < TWICE or abs(between) > left:
+                    self._odd_turns = 0
+        self._headed, self._turned = (now, psi), 0.0
+
     def see(self, now: float) -> None:
         """The position was taken in, or is all that is known of a car that stands."""
         self._blind, self._seen = 0.0, now
@@ -104,8 +135,14 @@ class Watch:
             return SPEED_LOST
         if self._odd >= TWICE:
             return CONTRADICTED
+        if self._odd_turns >= TWICE:
+            return TURN_CONTRADICTED
         if not self._path.closed and s > self._path.length:
             return ENDED
         if not abs(e_psi) <= AWAY:
             return FACING_AWAY
-        return BESIDE if not abs(e_y) <= self._far else 0
+        if abs(e_y) <= self._far:
+            self._nearest = math.inf
+            return 0
+        self._nearest = min(self._nearest, abs(e_y))
+        return BESIDE if abs(e_y) <= self._nearest + self._far else RECEDING

@@ -149,6 +149,7 @@ def _of_model(driver: Driver) -> list[str]:
     real = {"LOWEST": low, "HIGHEST": high, "STATE_LOW": lowest, "STATE_HIGH": highest, "LATE_SECONDS": late}
     lines = [table(n, v, "int") for n, v in whole.items()] + [table(n, v) for n, v in real.items()]
     places = {"STEERING": model.inputs.index(driver.steering), "SPEED": known.index("v_x")}
+    places["TURN_RATE"] = at(["r"])[0]
     # m/s, below which a lateral model does not describe the vehicle; m/s and m/s2 by which a measured speed may change
     # at once and over time; m of standard deviation of the position from which the vehicle should stop
     sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost}

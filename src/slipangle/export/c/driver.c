@@ -149,6 +149,9 @@ static int observe(Driver *d, int64_t behind)
     int X = OUTPUT_OF_POSE[0], Y = OUTPUT_OF_POSE[1], stale = !speed_known(&d->watch, d->now);
     int posed = X >= 0 && Y >= 0 && d->pending[X] == d->pending[X] && d->pending[Y] == d->pending[Y];
     watch_move(&d->watch, d->now, d->v_x, (double)behind * CAR_DT, posed, d->raw[POSE[0]], d->raw[POSE[1]]);
+    double r = TURN_RATE >= 0 ? d->raw[TURN_RATE >= 0 ? TURN_RATE : 0] : NAN;
+    int heading = OUTPUT_OF_POSE[2], headed = heading >= 0 && d->pending[heading] == d->pending[heading];
+    watch_turn(&d->watch, d->now, r, (double)behind * CAR_DT, headed, d->raw[POSE[2]]);
     double moving = stale && !d->tracking ? NAN : d->v_x; /* a car that moves goes on with what it knows, and should stop */
     if (!(moving >= SLOWEST)) {
         d->tracking = d->planned = 0;

@@ -41,11 +41,13 @@ enum {
     CAR_SPEED_UNKNOWN, /* the wheels stay where they are: no speed was measured yet */
     CAR_STANDING,      /* the wheels stay where they are: the vehicle stands or creeps */
     CAR_POSE_UNKNOWN,  /* the wheels stay where they are: no pose was measured yet */
-    CAR_LOST,          /* the position is not known any more: the vehicle should stop, as for the next four */
+    CAR_LOST,          /* the position is not known any more: the vehicle should stop, as for the next six */
     CAR_SPEED_LOST,    /* the speed was not measured for a second */
     CAR_CONTRADICTED,  /* speed and positions contradict each other */
+    CAR_TURN_CONTRADICTED, /* yaw rate and headings do */
     CAR_ENDED,         /* the path has ended */
     CAR_FACING_AWAY,   /* the vehicle faces away from the path */
+    CAR_RECEDING,      /* the vehicle is far beside the path and gets ever farther */
     CAR_BESIDE         /* a plan, far beside the path */
 };
 

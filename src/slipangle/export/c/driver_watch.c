@@ -5,8 +5,10 @@
 
 typedef struct {
     car_seconds told[CAR_CHANNELS], from_t, seen; /* when each channel said what can be, NaN before; positions */
-    double from[2], way, blind, read;
-    int counted, odd;
+    double from[2], way, blind, read, nearest; /* the last: least distance since it was far beside the path */
+    car_seconds headed_t;
+    double headed, turned; /* heading at that time, and how far it turned since by the yaw rate */
+    int counted, odd, turns, odd_turns;
 } Watch;
 
 static void watch_begin(Watch *w)
@@ -14,6 +16,7 @@ static void watch_begin(Watch *w)
     memset(w, 0, sizeof *w);
     for (int c = 0; c < CAR_CHANNELS; c++)
         w->told[c] = NAN;
+    w->nearest = INFINITY;
 }
 
 static int speed_known(const Watch *w, car_seconds now) { return now - w->told[SPEED] <= SPEED_GAP; }
@@ -50,11 +53,34 @@ static void watch_move(Watch *w, car_seconds now, double v_x, double passed, int
     w->counted = 1, w->from_t = now, w->from[0] = X, w->from[1] = Y, w->way = 0;
 }
 
+/* Counts the turn by the yaw rate since the last call, and sets it beside that from heading to heading. Where they
+   contradict each other only a turn in which they agree is believed. */
+static void watch_turn(Watch *w, car_seconds now, double r, double passed, int headed, double psi)
+{
+    w->turned += r * passed;
+    if (!headed)
+        return;
+    if (w->turns) {
+        double seconds = (double)(now - w->headed_t), between = remainder(psi - w->headed, FULL_TURN);
+        if (seconds < WATCH_WINDOW)
+            return;
+        double turned = fabs(w->turned), most = turned > fabs(between) ? turned : fabs(between);
+        double left = WATCH_TURN_SLOW * seconds;
+        if (turned < WATCH_MOST_TURN) {
+            if (fabs(between - w->turned) > WATCH_APART * most + left)
+                w->odd_turns++;
+            else if (w->odd_turns < WATCH_TWICE || fabs(between) > left)
+                w->odd_turns = 0;
+        }
+    }
+    w->turns = 1, w->headed_t = now, w->headed = psi, w->turned = 0;
+}
+
 /* The position was taken in, or is all that is known of a vehicle that stands. */
 static void watch_see(Watch *w, car_seconds now) { w->blind = 0, w->seen = now; }
 
 /* Why the vehicle should stop, or that it is far beside the path; else CAR_PLANNED. */
-static int watch_reason(const Watch *w, car_seconds now, double std, double s, double e_y, double e_psi)
+static int watch_reason(Watch *w, car_seconds now, double std, double s, double e_y, double e_psi)
 {
     if (!(std + w->blind <= LOST))
         return CAR_LOST;
@@ -62,9 +88,16 @@ static int watch_reason(const Watch *w, car_seconds now, double std, double s, d
         return CAR_SPEED_LOST;
     if (w->odd >= WATCH_TWICE)
         return CAR_CONTRADICTED;
+    if (w->odd_turns >= WATCH_TWICE)
+        return CAR_TURN_CONTRADICTED;
     if (!SHAPE[1] && s > SIZE[1])
         return CAR_ENDED;
     if (!(fabs(e_psi) <= WATCH_AWAY))
         return CAR_FACING_AWAY;
-    return fabs(e_y) <= WATCH_FAR ? CAR_PLANNED : CAR_BESIDE;
+    if (fabs(e_y) <= WATCH_FAR) {
+        w->nearest = INFINITY;
+        return CAR_PLANNED;
+    }
+    w->nearest = fabs(e_y) < w->nearest ? fabs(e_y) : w->nearest;
+    return fabs(e_y) <= w->nearest + WATCH_FAR ? CAR_BESIDE : CAR_RECEDING;
 }
