@@ -31,6 +31,8 @@ def sine(frequency, dt=0.01, n=4000, phase=0.3):
         ({"values": np.zeros((5, 3))}, errors.ParameterError, ["3 columns", "2 channel names", "expected"]),
         ({"channels": (Channel("a"), Channel("a"))}, errors.ParameterError, ["repeat", "'a'", "rename"]),
         ({"dt": 0.0}, errors.SampleTimeError, ["0.0 s", "positive"]),
+        ({"dt": "0.1"}, errors.SampleTimeError, ["'0.1' s", "positive"]),
+        ({"dt": None}, errors.SampleTimeError, ["None s", "positive"]),
         ({"dt": float("nan")}, errors.SampleTimeError, ["nan s", "positive"]),
         ({"starts": (0, 3)}, errors.ParameterError, ["2 starts", "1 start times"]),
         ({"starts": (1,)}, errors.ParameterError, ["rows [1]", "from 0 to below 5"]),
@@ -107,6 +109,23 @@ def test_other_bad_requests():
             data.resample(0.05, cutoff=cutoff)
 
 
+def test_what_is_no_channel_no_row_and_no_data_set_is_said():
+    data = make()
+    for index in (slice(0, 10), 3):
+        with pytest.raises(errors.ParameterError, match=r"expected a channel's name: samples are data\.rows"):
+            data[index]
+    with pytest.raises(errors.ParameterError, match=r"rows 0\.0 to 20\.0 .*divide times by the sample time, 0\.01 s"):
+        data.rows(0.0, 20.0)
+    assert data.rows(np.int64(3), np.int64(5)).n_samples == 2
+    for n in (-5, 0, 2.5):
+        with pytest.raises(errors.ParameterError, match=rf"head\(\) got {n}; expected a whole number"):
+            data.head(n)
+    with pytest.raises(errors.ParameterError, match=r"join\(\) got list; .*join\(\*parts\)"):
+        join([data, data])
+    with pytest.raises(errors.ParameterError, match=r"channels \['u'\] are given twice"):
+        Dataset.from_arrays({"u": np.zeros(3)}, {"y": np.zeros(3)}, 0.1, extra={"u": np.ones(3)})
+
+
 # ---- looking -----------------------------------------------------------------------------------------------------
 
 
@@ -149,6 +168,17 @@ def test_join_refuses_what_does_not_fit():
     with pytest.raises(errors.UnitError, match="'deg' in 'data' and in 'rad' in 'data'"):
         join(a, a.with_channel("u", np.zeros(5), "deg"))
     assert join(a, make(5, notes=("one", "two"))).notes == ("one", "two")
+
+
+def test_join_says_which_channels_it_leaves_out():
+    a, b = make(5), make(5).with_channel("z", np.ones(5)).with_channel("w", np.ones(5))
+    assert join(a, b, b).notes == ("without z, w of 'data', which 'data' has not",)
+
+
+def test_channels_of_the_nomenclature_have_their_units():
+    data = Dataset.from_arrays({"delta": np.zeros(3), "u": np.zeros(3)}, {"r": np.zeros(3)}, 0.1, units={"u": "V"})
+    assert [c.unit for c in data.channels] == ["rad", "V", "rad/s"]
+    assert Dataset.from_arrays({"delta": np.zeros(3)}, {}, 0.1, units={"delta": "deg"}).unit("delta") == "deg"
 
 
 def test_order_of_channels_does_not_matter_to_join():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, SampleTimeError, SimulationError, TooShortError
+from slipangle.errors import MissingColumnError, ParameterError, SampleTimeError, SimulationError, TooShortError
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP
@@ -179,6 +179,17 @@ def test_too_short_for_the_lags():
     model = ALL_MODELS["ARX, MIMO, delay, constant"]
     with pytest.raises(TooShortError, match="3 samples"):
         model.simulate(record(model).head(3))
+
+
+def test_starts_and_steps_that_do_not_fit_are_said():
+    model = ARXModel(A=np.array([[[0.5]]]), B=np.array([[[1.0]]]), dt=0.1, inputs=("u",), outputs=("y",))
+    data = Dataset.from_arrays({"u": np.zeros(9)}, {"y": np.zeros(9)}, 0.1)
+    for start in ([1.0], [np.zeros(3)]):
+        with pytest.raises(ParameterError, match=rf"start state of experiment 0 .*expected \({model.n_states},\)"):
+            model.simulate(data, start=start)
+    with pytest.raises(TooShortError, match="has 9 samples, 50-step-ahead prediction begins at sample 50"):
+        model.predict(data, 50)
+    assert model.predict(data, 8).predicted.sum() == 1
 
 
 def test_unstable_free_run_says_where():

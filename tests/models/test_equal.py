@@ -37,4 +37,6 @@ def test_a_fitted_curve_of_a_network_is_the_same_as_one_of_another_fit():
     def told():
         return FitInfo(names=("w",), values=np.ones(2), covariance=np.eye(2), noise_std=np.ones(1), n_samples=9)
 
+    assert told() == told()
+    assert replace(told(), values=np.zeros(1)) != told()
     assert replace(curve, fit_info=told()) == replace(curve, fit_info=told()) == curve

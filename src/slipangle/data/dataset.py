@@ -6,10 +6,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import isclose
+from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
 
+from slipangle.data.channels import STANDARD
 from slipangle.data.clock import at_rate
 from slipangle.data.frames import InFrames
 from slipangle.data.headings import continued, wrap_note
@@ -90,8 +92,8 @@ class Dataset(InFrames, Shown, Equal):
             )
         if len(set(self.names)) != len(self.names):
             raise ParameterError(f"channel names repeat in {list(self.names)}; expected each once: rename one")
-        if not self.dt > 0:
-            raise SampleTimeError(f"the sample time is {self.dt} s; expected a positive number: check the clock")
+        if not isinstance(self.dt, Real) or not self.dt > 0:
+            raise SampleTimeError(f"the sample time is {self.dt!r} s; expected a positive number: check the clock")
         if len(self.starts) != len(self.start_times):
             raise ParameterError(
                 f"{len(self.starts)} starts but {len(self.start_times)} start times; expected one time per experiment"
@@ -131,18 +133,22 @@ class Dataset(InFrames, Shown, Equal):
     ) -> Self:
         """One experiment from one array per channel, shape (n_samples,), already in SI units.
 
-        ``extra`` are channels that are neither input nor output. Raises ParameterError if lengths differ, or a channel
-        is no row of real numbers.
+        ``extra`` are channels that are neither input nor output. ``units`` are for reports; by default those of the
+        nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats, or a channel is no
+        row of real numbers.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
         (5, (5, 1))
         """
+        names = [*inputs, *outputs, *(extra or {})]
+        if twice := sorted({n for n in names if names.count(n) > 1}):
+            raise ParameterError(f"channels {twice} are given twice; expected each as input, output or extra: rename")
         columns = {n: _numbers(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
         lengths = {len(c) for c in columns.values()}
         if len(lengths) > 1:
             raise ParameterError(f"channels have lengths {sorted(lengths)}; expected one length: cut them alike")
-        known = units or {}
+        known = {n: STANDARD[n].unit for n in columns if n in STANDARD} | {**(units or {})}
         return cls(
             values=np.column_stack(list(columns.values())),
             channels=tuple(Channel(n, known.get(n, "-")) for n in columns),
@@ -211,7 +217,14 @@ class Dataset(InFrames, Shown, Equal):
         return self.values[:, indices]
 
     def index(self, name: str) -> int:
-        """Column of a channel; a MissingColumnError gives the nearest names where there is none."""
+        """Column of a channel; a MissingColumnError gives the nearest names where there is none.
+
+        Raises ParameterError if it is no name.
+        """
+        if not isinstance(name, str):
+            raise ParameterError(
+                f"'{self.name}' has no channel {name!r}; expected a channel's name: samples are data.rows(start, stop)"
+            )
         try:
             return self.names.index(name)
         except ValueError:
@@ -274,16 +287,27 @@ class Dataset(InFrames, Shown, Equal):
         return replace(self, notes=(*self.notes, note))
 
     def head(self, n: int) -> Self:
-        """The first ``n`` samples of a single experiment; raises ParameterError if there are several."""
+        """The first ``n`` samples of a single experiment, all of one that is shorter.
+
+        Raises ParameterError if there are several, or ``n`` is no whole number of at least 1.
+        """
         if len(self.starts) > 1:
             raise ParameterError("head() of several experiments is ambiguous: take it of one of data.experiments")
+        if not isinstance(n, Integral) or n < 1:
+            raise ParameterError(f"head() got {n!r}; expected a whole number of samples of at least 1")
         return replace(self, values=self.values[:n])
 
     def rows(self, start: int, stop: int) -> Self:
         """Samples ``start`` to ``stop`` (exclusive); experiment borders inside stay borders.
 
-        Raises TooShortError if there is none among them, or the record does not have them all.
+        Raises TooShortError if there is none among them, or the record does not have them all, ParameterError if they
+        are no whole numbers.
         """
+        if not (isinstance(start, Integral) and isinstance(stop, Integral)):
+            raise ParameterError(
+                f"rows {start!r} to {stop!r} of '{self.name}' are no samples; expected whole numbers: divide times by "
+                f"the sample time, {self.dt:g} s"
+            )
         if not 0 <= start < stop <= self.n_samples:
             what = "hold no sample" if stop <= start else "are not all in the record"
             raise TooShortError(
@@ -418,6 +442,12 @@ class Dataset(InFrames, Shown, Equal):
             )
 
 
+def require_dataset(data: object, who: str, fix: str = "read() a log, or make one by Dataset.from_arrays()") -> None:
+    """Raise a ParameterError unless it is a `Dataset`; ``who`` got it."""
+    if not isinstance(data, Dataset):
+        raise ParameterError(f"{who} {type(data).__name__}; expected a Dataset: {fix}")
+
+
 def _numbers(name: str, values: object) -> np.ndarray:
     """Of a channel, shape (n_samples,); raises ParameterError if they are none."""
     try:
@@ -435,11 +465,15 @@ def _numbers(name: str, values: object) -> np.ndarray:
 def join(*parts: Dataset, name: str | None = None) -> Dataset:
     """Several data sets, ``parts``, as experiments of one.
 
+    Channels that the first has not are left out, which a note says.
+
     Raises ParameterError, SampleTimeError, MissingColumnError or UnitError if there is nothing to join, or the sample
     times, channels or units differ.
     """
     if not parts:
         raise ParameterError("join() got no data sets; expected at least one: pass them one after another")
+    for part in parts:
+        require_dataset(part, "join() got", "pass data sets one after another, a list of them as join(*parts)")
     first = parts[0]
     tables, starts, times, notes, row = [], [], [], list(first.notes), 0
     for part in parts:
@@ -454,6 +488,9 @@ def join(*parts: Dataset, name: str | None = None) -> Dataset:
         starts += [row + s for s in part.starts]
         times += part.start_times
         notes += [n for n in part.notes if n not in notes]
+        if more := [n for n in part.names if n not in first.names]:
+            said = f"without {', '.join(more[:12])} of '{part.name}', which '{first.name}' has not"
+            notes += [said] if said not in notes else []
         row += part.n_samples
     return replace(
         first,

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from scipy.special import stdtrit
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.fields import Checked, Count, Positive, Whole, Within
 from slipangle.identify.averaging import SCALES, Average, averaged
@@ -100,6 +100,7 @@ class Adapt(Checked):
 
         Warns with ModelWarning if the corrections do not help: then all of them are zero.
         """
+        require_dataset(data, "fit() got")
         began = time.perf_counter()
         n = round(self.seconds / data.dt)
         if data.n_samples < n or n <= model.memory + max(1, self.folds):

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NoReturn, final
 import casadi as ca
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.equal import Equal
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.models.fast import FastPaths
@@ -59,7 +59,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitInfo(Shown):
+class FitInfo(Shown, Equal):
     """How a model was fitted: estimates, their covariance and what to be careful about.
 
     Parameters
@@ -389,6 +389,7 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
 
         That is a SampleTimeError, MissingColumnError or TooShortError, with what to do about it.
         """
+        require_dataset(data, "the model got")
         data.require_dt(self.dt)
         for name in (*self.inputs, *self.outputs):
             data.index(name)
@@ -403,9 +404,9 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     def simulate(self, data: Dataset, *, start: Sequence[np.ndarray] | None = None) -> Trajectory:
         """Free run: from the first `memory` samples on, only the inputs are used.
 
-        Raises ParameterError if there is not one start state per experiment, SimulationError if the state leaves the
-        finite numbers; warns with ModelWarning if an output leaves any plausible range of the data. These name the
-        sample at which it does.
+        Raises ParameterError if there is not one start state of n_states numbers per experiment, SimulationError if the
+        state leaves the finite numbers; warns with ModelWarning if an output leaves any plausible range of the data.
+        These name the sample at which it does.
 
         Parameters
         ----------
@@ -428,6 +429,11 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
             alone = {"values": data.values[a : a + m], "starts": (0,), "start_times": (data.start_times[i],)}
             given = self.initial_state(replace(chosen, **alone)) if start is None else start[i]
             x0 = np.asarray(given, dtype=float)
+            if x0.shape != (self.n_states,):
+                raise ParameterError(
+                    f"the start state of experiment {i} has the shape {x0.shape}; expected ({self.n_states},), one "
+                    f"number for each state: give {', '.join(self.states[:12])}"
+                )
             y[a : a + m], mask[a : a + m] = measured[a : a + m], False
             free = y[a + m : b]
             run = self.free_run(x0, u[a + m - 1 : b], free)
@@ -462,7 +468,8 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
         """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead.
 
-        Raises ParameterError if ``steps`` is no whole number from 1 on; else it raises and warns as `simulate` does.
+        Raises ParameterError if ``steps`` is no whole number from 1 on, TooShortError if no experiment is that long;
+        else it raises and warns as `simulate` does.
         """
         return _announced(self._predict(data, steps))
 
@@ -475,6 +482,11 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
         kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
         pieces, mask, m = [], [], self.memory
         first = m + steps - 1
+        if first >= data.n_longest:
+            raise TooShortError(
+                f"the longest experiment of '{data.name}' has {data.n_longest} samples, {kind} prediction begins at "
+                f"sample {first}; expected more: record longer or predict fewer steps"
+            )
         for i, part in enumerate(data.experiments):
             x0, u = np.asarray(self.initial_state(part.head(m)), dtype=float), part.u
             states = self.track(x0, u[m - 1 :], part.y[m - 1 :])

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts, kinematic_gain
 from slipangle.data.quality.smooth import smoothed
 from slipangle.errors import (
@@ -233,6 +233,7 @@ class WholeCar(Checked):
 
     def _check(self, data: Dataset) -> None:
         """Raise MissingColumnError or SampleTimeError unless the data have the channels needed, often enough."""
+        require_dataset(data, "fit() got")
         for name in ("delta", "v_x", "r"):
             if name not in data:
                 raise MissingColumnError(

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import integrate, optimize, special, stats
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset, join, require_dataset
 from slipangle.errors import ModelWarning, ParameterError, TooShortError
 from slipangle.identify.judge.initial import free_run
 from slipangle.identify.judge.scores import Score, score
@@ -95,7 +95,7 @@ def validate(
 ) -> Validation:
     """Judge a model on data it was not fitted to.
 
-    Raises ParameterError if the data overlap those the model was fitted to, or ``train``.
+    Raises ParameterError if the data overlap those the model was fitted to, or ``train``, or ``max_lag`` is below 1.
 
     Warns with ModelWarning if a prediction leaves any plausible range of the data; the verdict's sentences say so too.
 
@@ -116,6 +116,9 @@ def validate(
     on_training_data : bool
         Allow data that overlap the training data, for a training score.
     """
+    require_dataset(data, "validate() got")
+    if not max_lag >= 1:
+        raise ParameterError(f"max_lag is {max_lag}; expected at least 1 sample")
     if not on_training_data:
         require_unseen(model, data)
         _require_apart(train, data)

@@ -7,7 +7,7 @@ import math
 import time
 from typing import Any, ClassVar, Generic, TypeVar
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.fields import Checked
 from slipangle.identify.excitation import nearly_dependent, require_independent
 from slipangle.identify.linear.levels import level_said
@@ -36,6 +36,7 @@ class LinearEstimator(Checked, abc.ABC, Generic[M]):
         settings leave no place for, or the fit stopped at its limit of steps, and ModelWarning if a free run of the
         model would blow up, or the poles had to be held back.
         """
+        require_dataset(data, "fit() got")
         with breakdown_said(self._what, data):
             offset = self._has_constant
             require_independent(data, offset=offset, least=_ROUNDING)

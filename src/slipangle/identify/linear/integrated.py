@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset, join, require_dataset
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Whole
 from slipangle.identify.linear.arx import ARX
@@ -53,6 +53,7 @@ class IntegratedARX(Checked):
 
         Raises ParameterError if there are several outputs, and TooShortError or ExcitationError as `ARX.fit`.
         """
+        require_dataset(data, "fit() got")
         if len(data.outputs) != 1:
             raise ParameterError(f"the data have outputs {list(data.outputs)}; expected one: select it")
         name, free = data.outputs[0], self.na - self.order

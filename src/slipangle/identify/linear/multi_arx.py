@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from scipy import linalg
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Finite, Within
 from slipangle.identify.excitation import require_identifiable
@@ -71,6 +71,7 @@ class MultiARX(Checked):
 
         Warns with ModelWarning if a free run at one of the speeds would blow up.
         """
+        require_dataset(data, "fit() got")
         with breakdown_said("the ARX models", data):
             return announced(self._fit(data))
 

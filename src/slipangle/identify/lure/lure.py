@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
@@ -87,6 +87,7 @@ class Lure(Checked):
         Warns with IdentifiabilityWarning if the best fit stopped at its limit of steps, or no two starts met in the
         best minimum.
         """
+        require_dataset(data, "fit() got")
         began = time.perf_counter()
         with one_blas_thread():
             start = self.linear if isinstance(self.linear, Model) else self.linear.fit(data)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, SlipangleError, TooShortError
 from slipangle.fields import Checked, Count, Seed
 from slipangle.identify.excitation import require_identifiable, require_independent
@@ -116,6 +116,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         progress : callable, optional
             Told the share done and what is being done.
         """
+        require_dataset(data, "fit() got")
         began = time.perf_counter()
         require_jax(f"fitting {self._what}")
         settings, chosen = self.settled(data)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset, join, require_dataset
 from slipangle.errors import TooShortError
 from slipangle.fields import Whole, Within
 from slipangle.identify.networks.narx import NARX
@@ -71,6 +71,7 @@ class Hybrid(KnownCar):
         Raises SampleTimeError, MissingColumnError or TooShortError if the data do not suit the base model or the
         network's lags.
         """
+        require_dataset(data, "fit() got")
         require_jax("fitting a hybrid model")
         began = time.perf_counter()
         base = self.bicycle(data) if self.base is None else self.base

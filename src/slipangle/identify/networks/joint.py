@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Count, NotNegative, Positive, Seed
 from slipangle.identify.excitation import require_identifiable
@@ -134,6 +134,7 @@ class Joint(KnownCar):
 
         Warns with ModelWarning if a run never improved on the physics it started from.
         """
+        require_dataset(data, "fit() got")
         require_jax("fitting physics with a network")
         began = time.perf_counter()
         start = self.start

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ModelWarning
 from slipangle.fields import Checked, Count, Positive
 from slipangle.identify.networks.estimator import LINEAR
@@ -52,6 +52,7 @@ class FreeRunNARX(Checked):
 
         Warns with ModelWarning as it does, unless these steps found a better model than the linear one.
         """
+        require_dataset(data, "fit() got")
         require_jax("fitting a NARX network")
         from slipangle.identify.networks import adam
 

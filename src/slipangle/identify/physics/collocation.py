@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Count, Positive, Whole
 from slipangle.identify.physics.grey_box import GreyBox, M, finish
@@ -87,6 +87,7 @@ class Collocation(GreyBox[M]):
 
         Warns with IdentifiabilityWarning, with the names of parameters that the data do not determine.
         """
+        require_dataset(data, "fit() got")
         began = time.perf_counter()
         problem = self.problem(data)
         wanted: Any = {name: getattr(self, name) for name in ("elements", "at_most_zero", "zero", "state_bounds")}

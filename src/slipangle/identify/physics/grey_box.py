@@ -9,7 +9,7 @@ from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import IdentifiabilityWarning, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.physics.advise import better_sentences
@@ -92,6 +92,7 @@ class GreyBox(Checked, Generic[M]):
         Warns with IdentifiabilityWarning, with the names of parameters that the data do not determine, and what to
         drive so that they are (see `slipangle.identify.physics.advise`).
         """
+        require_dataset(data, "fit() got")
         began = time.perf_counter()
         starts = self.starts or (STARTS if self.start.ode.several_minima else 1)
         with breakdown_said("the grey box", data):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked
 from slipangle.identify.physics.grey_box import GreyBox
@@ -69,6 +69,7 @@ class TireBicycleFit(Checked):
 
     def fit(self, data: Dataset) -> Parametrised:
         """The bicycle with fitted parameters and their intervals; errors and warnings as of `GreyBox.fit`."""
+        require_dataset(data, "fit() got")
         tire_f, tire_r = tires_of(self.tire, self.tire_f, self.tire_r, force=self.force, conventions=self.conventions)
         params = TireBicycleParams(**self.car)
         start: Parametrised = TireBicycle(
