@@ -190,6 +190,8 @@ SOURCE = {p.relative_to(ROOT / "src" / "slipangle").as_posix(): p.read_text() fo
 WARNS = {
     "codegen/compiler.py": (2, ("did not compile", "no C compiler was found")),
     "commands/tire.py": (1, ("no unloaded radius is given",)),
+    "control/mpc.py": (1, ("the duration makes stages of",)),
+    "control/phases.py": (1, ("the duration makes stages of",)),
     "data/readers/tir.py": (1, ("is read as the rest of the comment above it",)),
     "identify/adapt.py": (1, ("the model is left as it is",)),
     "identify/car/identify_car.py": (

@@ -247,6 +247,10 @@ def test_what_has_no_answer_is_named(solver):
         ({"problems": [first(), second()], "links": None}, r"expected links=\[lambda x"),
         ({"problems": [first(), second()], "links": []}, "one per junction"),
         ({"problems": [first(), second()], "links": link}, r"links is .*; expected a list of 1 functions"),
+        (
+            {"problems": [first(), second()], "links": [link, link]},
+            r"of 2; expected a list of 1 functions",
+        ),
         ({"problems": [first(), first()], "links": [3.0]}, r"links is .*; expected a list of 1 functions"),
         ({"problems": [first(), first()], "solver": "osqp"}, "the solver is 'osqp'; expected"),
         ({"problems": [first(), first()], "solver": None}, "the solver is None; expected"),

@@ -89,6 +89,7 @@ def test_a_guess_of_one_phase_leads_into_the_next():
     assert plan.phases[0].x[1:] == pytest.approx(np.linspace([9.0, 9.0], [1.0, 0.0], 7)[1:], abs=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:phase .. the duration makes stages of")
 def test_durations_are_guessed_phase_by_phase():
     recorder = Recorder()
     timed = [second(duration=(0.1, 2.0)), second(duration=(0.2, 3.0))]

@@ -124,6 +124,12 @@ def test_never_nan():
     assert plan.status.solved or plan.status is Status.NOT_FINITE
 
 
+def test_a_reference_with_weights_of_its_own_is_refused():
+    """As the calm controller has no place for them."""
+    with pytest.raises(ParameterError, match="the reference has S of its own; expected none: a switched controller"):
+        SWITCHED.plan(state(), LIMIT.vary(bend(0.001), S={"delta": 3.0}))
+
+
 def test_bad_settings_say_what_to_do():
     with pytest.raises(ParameterError, match="horizon"):
         SwitchedMPC(CALM, replace(LIMIT, horizon=5))

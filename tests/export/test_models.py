@@ -45,6 +45,32 @@ def test_same_as_python(name, monkeypatch):
             assert found == pytest.approx(np.asarray(wanted).ravel(), rel=1e-9, abs=1e-9)
 
 
+@needs_compiler
+@EVERY
+def test_nothing_is_made_of_what_is_no_number(name, monkeypatch):
+    """What moves with a state or input that is NaN or infinite is NaN: minima, maxima and signs of C would drop it."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
+    model, rng = ALL_MODELS[name], np.random.default_rng(4)
+    library = loaded(project_of(model, "car", 3).everything)
+    x, u = (np.ascontiguousarray(v, dtype=float) for v in typical(model, rng))
+    step = library.car_step
+    step.argtypes = [ctypes.c_void_p] * 3
+    usual, both = np.asarray(model.functions[0](x, u)).ravel(), np.concatenate([x, u])
+    for j in range(len(both)):
+        moved = np.zeros(len(x), dtype=bool)
+        for way in (0.9, 1.1):
+            other = both.copy()
+            other[j] = way * other[j] + 0.01
+            moved |= np.asarray(model.functions[0](other[: len(x)], other[len(x) :])).ravel() != usual
+        for bad in (np.nan, np.inf):
+            other[j] = bad
+            now, given, found = other[: len(x)].copy(), np.append(other[len(x) :], 0.0), np.zeros(len(x))
+            step(now.ctypes.data, given.ctypes.data, found.ctypes.data)
+            assert np.isnan(found[moved]).all(), j
+            known = ~np.isnan(found)
+            assert found[known] == pytest.approx(usual[known], rel=1e-9, abs=1e-9)
+
+
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
 @EVERY
 def test_compilers_have_nothing_to_say(name, compiler_, tmp_path):

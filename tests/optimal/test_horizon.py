@@ -215,7 +215,7 @@ def test_weights_change_over_the_horizon_without_compiling(solver):
 
 def test_one_number_is_a_limit_either_way():
     mpc = pendulum(RealTime(), limits={"a": 12.0, "rate": 3.0})
-    plans = [mpc.plan(np.array([0.5, 0.0]), wind=0.0, limits={"rate": both}) for both in (0.4, (-0.4, 0.4))]
+    plans = [mpc.plan(np.array([0.5, 0.0]), wind=0.0, limits={"rate": both}) for both in (0.4, np.array([-0.4, 0.4]))]
     assert (plans[0].u == plans[1].u).all()
     assert abs(plans[0].x[:, 1]).max() <= 0.4 + 1e-6
 
@@ -225,6 +225,7 @@ def test_what_changes_is_checked():
     for bad, said in (
         ({"limits": {"a": (-1.0, 1.0)}}, "limits names 'a'"),
         ({"limits": {"rate": (1.0,)}}, "a lower and an upper one"),
+        ({"limits": {"rate": np.ones(3)}}, "a lower and an upper one"),
         (
             {"limits": {"rate": (2.0, 1.0)}},
             "limits of 2 and 1 for 'rate' at node 0; expected a lower one no higher than",

@@ -152,9 +152,10 @@ class SteeringController(Controller):
         Raises
         ------
         ParameterError
-            With the array, its shape and the one expected.
+            With the array, its shape and the one expected, or what it varies.
         """
         require_reference(reference)
+        reference.require_plain("this controller")
         tracked = array(reference.tracked, (self.horizon + 1, len(self.columns)), self.columns, "reference.tracked")
         speed = reference.exogenous  # perhaps with a row for the end, which counts nowhere here
         speed = speed[: self.horizon] if np.ndim(speed) == 2 and len(speed) == self.horizon + 1 else speed

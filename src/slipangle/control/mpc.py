@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isnan
@@ -14,7 +15,8 @@ from slipangle.control.batch import plan_many
 from slipangle.control.call import both, doubt, given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.numerics.per_thread import built
 from slipangle.optimal.checks import health_of, is_numbers, require_plan, stuck
 from slipangle.optimal.engine import Start
 from slipangle.optimal.guess import Guess, guess
@@ -33,6 +35,7 @@ from slipangle.optimal.solution import (
     states_later,
     within,
 )
+from slipangle.optimal.stretched import Finer
 from slipangle.paths.preview import Preview
 
 
@@ -308,7 +311,21 @@ class MPC(Fallbacks):
             values |= {"branches": solution.branches, "decided": solution.decided}
         if duration is not None:
             values["times"] = self.times * (duration / self.times[-1])
+            values["detail"] = both(values["detail"], self._astray(solution, call.wanted))
         return quick(Plan, values)
+
+    @built
+    def _finer(self) -> Finer:
+        return Finer(self.ocp)
+
+    def _astray(self, solution: Solution, wanted: Reference) -> str:
+        """What the integrator's steps miss over the duration decided; a warning, too."""
+        if self.ocp.scenarios is not None or solution.decided is None:
+            return ""
+        said = self._finer.sentence(solution.x, solution.u, wanted.exogenous, solution.decided)
+        if said:
+            warnings.warn(said, ModelWarning, stacklevel=4)
+        return said
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""

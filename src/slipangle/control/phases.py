@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from slipangle.control.mpc import MPC
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked, Within
 from slipangle.models.model import without_caches
 from slipangle.numerics.per_thread import built
@@ -23,6 +24,7 @@ from slipangle.optimal.named import backend_of, require_solver
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
+from slipangle.optimal.stretched import Finer
 from slipangle.shown import Shown
 
 
@@ -148,8 +150,8 @@ class Phases(Checked):
         links = [_same] * (len(phases) - 1) if self.links is None else self.links
         if not isinstance(links, Sequence) or len(links) != len(phases) - 1 or not all(map(callable, links)):
             raise ParameterError(
-                f"links is {short(self.links)}; expected a list of {len(phases) - 1} functions, one per junction, such "
-                "as links=[lambda x: [...]]"
+                f"links is {short(self.links)}{_many(self.links)}; expected a list of {len(phases) - 1} functions, one "
+                "per junction, such as links=[lambda x: [...]]"
             )
         require_solver(self.solver)
         object.__setattr__(self, "problems", phases)
@@ -218,11 +220,28 @@ class Phases(Checked):
         if found is None:
             u, states = linked.begin(x, u0, reference.exogenous, guesses)
             found = engine.solve(Start(x=state, applied=u0, reference=reference, guess_u=u, guess_x=states))
-        return _taken_apart(linked, found, begin)
+        plan = _taken_apart(linked, found, begin)
+        for said in self._astray(plan, references) if plan.status.solved else ():
+            warnings.warn(said, ModelWarning, stacklevel=2)
+        return plan
+
+    @built
+    def _finer(self) -> list[Finer | None]:
+        return [None if phase.duration is None else Finer(phase) for phase in self.problems]  # type: ignore[union-attr]
+
+    def _astray(self, plan: PhasedPlan, references: Sequence[Reference]) -> list[str]:
+        """Of phases with a free duration, what the integrator's steps miss over it."""
+        each = zip(self._finer, plan.phases, references, strict=True)
+        said = [f.sentence(p.x, p.u, r.exogenous, p.decided) if f is not None else "" for f, p, r in each]
+        return [f"phase {k}: {sentence}" for k, sentence in enumerate(said) if sentence]
 
 
 def _same(x: Any) -> Any:
     return x
+
+
+def _many(given: Any) -> str:
+    return f" of {len(given)}" if isinstance(given, Sequence) else ""
 
 
 def _require_wanted(wanted: Any, count: int) -> None:

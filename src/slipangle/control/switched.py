@@ -226,6 +226,7 @@ class SwitchedMPC(Led):
         """Plan with the controller that the criterion names; as `MPC.plan`."""
         begin = perf_counter()
         x, wanted = given(self, x, reference, previous)
+        wanted.require_plain("a switched controller")
         demand = self.demand(x, wanted, previous)
         last = previous if isinstance(previous, SwitchedPlan) else None
         calm_before = 0 if last is None else counted(last.calm_steps)

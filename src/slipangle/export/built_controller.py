@@ -131,6 +131,7 @@ class BuiltController(Controller):
     def check_reference(self, reference: Reference) -> Reference:
         """The reference as arrays of numbers in the shapes of this controller; raises ParameterError otherwise."""
         require_reference(reference)
+        reference.require_plain("a built controller")
         rows, w = self._sizes["EXOGENOUS_ROWS"], np.asarray(reference.exogenous)
         if w.ndim == 2 and len(w) == self.horizon < rows:
             w = np.vstack([w, w[-1:]])

@@ -73,7 +73,7 @@ class Recorder:
     ) -> Plan:
         """As `Controller.plan`.
 
-        Raises ParameterError if the reference has wanted inputs, which a drive has no columns for.
+        Raises ParameterError if the reference has wanted inputs, limits or weights, which a drive has no columns for.
         """
         controller = self.controller
         wanted = controller.reference(reference) if isinstance(reference, Preview) else reference
@@ -82,6 +82,7 @@ class Recorder:
             raise ParameterError(
                 "the reference has wanted inputs; expected none: a recorded drive has no place for them"
             )
+        wanted.require_plain("a recorded drive")
         plan = controller.plan(x, wanted, previous, applied=applied)
         parts = [np.asarray(x, dtype=float), wanted.tracked, self._exogenous(wanted)]
         if getattr(getattr(controller, "ocp", None), "corridor", None) is not None:

@@ -63,7 +63,7 @@ def sourced(functions: Sequence[tuple[str, ca.Function | Repeated, Sequence[str]
         Each with its type and name, ``void car_step``, and its arguments and its result with their sizes, ``x[4]``;
         the result's memory is zero where the function has structural zeros.
     """
-    code, called, calls = [], [], []
+    code, called, calls = [_SPOIL], [], []
     for declared, function, arguments, result in functions:
         name = declared.rpartition(" ")[2].rpartition("_")[2].title()
         names = [word.partition("[")[0] for word in (*arguments, result)]
@@ -78,9 +78,36 @@ def sourced(functions: Sequence[tuple[str, ca.Function | Repeated, Sequence[str]
             called.append(_wide(function, f"wide{name}"))
             call = _call(called[-1], tuple(names[:-1]), names[-1])
         listed = ", ".join([*(f"const double {a}" for a in arguments), f"double {result}"])
-        calls.append(f"{declared}({listed})\n{{\n{call}\n}}\n")
+        whole = function.whole("whole") if isinstance(function, Repeated) else function
+        tables, spoils = _spoils(whole, name, names[:-1], names[-1])
+        calls.append(f"{tables}{declared}({listed})\n{{\n{call}\n{spoils}}}\n")
     own = [_QUIET, _casadi(called)] if called else []
     return "\n".join([*own, preamble("double"), *code, *calls])
+
+
+_SPOIL = """\
+/* What hangs on a number that is not finite is none: minima, maxima and signs would drop it. */
+static void spoil(const double *given, const int *hangs, int many, double *result)
+{
+    for (int k = 0; k < many; k++) {
+        double none = given[hangs[2 * k]] - given[hangs[2 * k]];
+        if (!(none == 0))
+            result[hangs[2 * k + 1]] = none;
+    }
+}
+"""
+
+
+def _spoils(function: ca.Function, name: str, arguments: Sequence[str], result: str) -> tuple[str, str]:
+    """Tables of what of the result hangs on which argument, and the statements that go by them."""
+    tables, statements = "", ""
+    for i, argument in enumerate(arguments):
+        rows, columns = function.jac_sparsity(0, i).get_triplet()
+        if rows:
+            pairs = ", ".join(f"{column}, {row}" for row, column in zip(rows, columns, strict=True))
+            tables += f"static const int hangs{name}{argument.title()}[] = {{{pairs}}};\n"
+            statements += f"    spoil({argument}, hangs{name}{argument.title()}, {len(rows)}, {result});\n"
+    return tables, statements
 
 
 _SIZES = {"x": "CAR_STATES", "next": "CAR_STATES", "corrected": "CAR_STATES", "u": "CAR_INPUTS_SIZE"}

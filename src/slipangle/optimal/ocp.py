@@ -75,6 +75,20 @@ class Reference(Brief):
         """Whether it has limits or weights of its own."""
         return not (self.limits is None and self.Q is None and self.R is None and self.S is None)
 
+    def require_plain(self, who: str) -> None:
+        """Raise unless the problem's own limits, weights and scenarios are wanted, which ``who`` keeps to.
+
+        Raises
+        ------
+        ParameterError
+            With those that the reference has of its own.
+        """
+        own = [n for n in ("limits", "Q", "R", "S", "scenarios") if getattr(self, n) is not None]
+        if own:
+            raise ParameterError(
+                f"the reference has {', '.join(own)} of its own; expected none: {who} keeps to those it was made with"
+            )
+
 
 def require_reference(reference: Any) -> None:
     """Raise unless this is a `Reference`.
@@ -176,8 +190,8 @@ class OCP(Checked):
         Several values of what is not known; the plan has a branch for each, with the first inputs in common.
     free : Limits
         What is decided once for the whole horizon, and within which limits: parameters of a model made of equations, or
-        names from ``parameters``. They may stand in Q, terminal and terms; the value that comes with the reference is
-        the first guess.
+        names from ``parameters``. They may stand in Q, terminal and terms. The first guess is the model's own value, or
+        that of a parameter of terms that comes with the reference; or ``MPC.guess(decided=...)`` says it.
     duration : (float, float), optional
         Shortest and longest time that the horizon may take [s], which is then decided too: all stages grow alike. It is
         tracked, and read by terms, under the name ``duration``; of models made of equations.

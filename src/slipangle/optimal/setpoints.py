@@ -115,6 +115,8 @@ def vary(
         for name, both in limits.items():
             if isinstance(both, int | float):
                 both = (-abs(both), abs(both))  # as in `Limits`
+            if isinstance(both, np.ndarray) and np.ndim(both):
+                both = [*both]
             if not (isinstance(both, tuple | list) and len(both) == 2):
                 raise ParameterError(f"the limits of '{name}' are {short(both)}; expected a lower and an upper one")
             j, (low, high) = (

@@ -21,7 +21,7 @@ class Status(Enum):
 
     SOLVED = "optimal within tolerance"
     ACCEPTABLE = "optimal within the solver's wider, acceptable tolerance"
-    REAL_TIME = "real-time iterations from the last plan: not converged, but the residuals are small"
+    REAL_TIME = "real-time iterations: not converged, but the residuals are small"
     ITERATION_LIMIT = "the iteration limit was reached before the optimum: allow more iterations or a shorter horizon"
     STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
     TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
@@ -47,7 +47,7 @@ class Status(Enum):
 
 
 FEASIBLE = 1e-6  # an unfinished answer with no larger violation of a constraint is still a plan
-ANEW = "begun anew, as what was planned before led nowhere"  # of a plan that did not start from the one before
+ANEW = "begun anew, as where it began led nowhere"  # of a plan that did not start from the one before
 MOST_ATTEMPTS = 50  # solves in a row that go on from an unfinished one; then another start is better
 _ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
 _UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT

@@ -1,40 +1,77 @@
-"""Long horizons of a plant that swings for ever when it is left alone: a van der Pol oscillator brought to rest."""
+"""Plants that are not stable: states that grow over the horizon leave no wrong optimum that is named solved."""
 
+import numpy as np
 import pytest
 
 import slipangle as sa
-from slipangle.codegen.compiler import compiler
-from slipangle.optimal.solution import Status
-from tests.optimal.oscillator import START, van_der_pol
+from slipangle.codegen.compiler import compiler, sentence
 
-LEAST = 36.689004437  # of Ipopt, whatever the horizon from 20 s on; over 10 s 5.5e-5 less
-
-
-def brought_to_rest(stages, hessian):
-    return van_der_pol(stages, sa.RealTime(iterations=0, hessian=hessian), fallback=0).plan(START)
-
-
-pytestmark = pytest.mark.skipif(compiler() is None, reason="the steps of the compiled solver")
-
-
-@pytest.mark.parametrize(("stages", "most"), [(100, 16), (200, 25), (300, 100)])
-def test_curvature_that_was_remembered_on_the_way_does_not_spoil_the_steps(stages, most):
-    plan = brought_to_rest(stages, "gauss-newton")
-    assert plan.status is Status.SOLVED
-    assert plan.cost == pytest.approx(LEAST - 5.5e-5 * (stages == 100), rel=1e-7)
-    assert plan.iterations <= most
+needs_compiler = pytest.mark.skipif(compiler() is None, reason=sentence())
+WAYS = [
+    pytest.param({}, marks=needs_compiler, id="auto"),
+    pytest.param({"qp": "riccati"}, marks=needs_compiler, id="riccati"),
+    pytest.param({"qp": "condensed"}, marks=needs_compiler, id="condensed"),
+    pytest.param({"hessian": "exact", "iterations": 0}, marks=needs_compiler, id="exact"),
+    pytest.param({}, id="interpreted"),
+]
+START = np.array([0.01, 0.0])
 
 
-def test_nor_beside_second_derivatives():
-    plan = brought_to_rest(200, "exact")
-    assert plan.status is Status.SOLVED
-    assert plan.cost == pytest.approx(LEAST, rel=1e-7)
-    assert plan.iterations <= 25
+def pushed(pole, horizon, dt, weight):
+    """A point that is pushed away as fast as the pole says, and the optimum of its plans by Riccati's recursion."""
+
+    def accelerated(x, u, p):
+        return [x[1], pole**2 * x[0] + u[0]]
+
+    model = sa.Ode(f=accelerated, states=("s", "v"), inputs=("a",), params={}, dt=dt)
+    F = np.column_stack([model.step(e, np.zeros(1)) for e in np.eye(2)])
+    G = np.reshape(model.step(np.zeros(2), np.ones(1)), (2, 1))
+    P = Q = np.diag([1.0, 0.01])
+    for _ in range(horizon):
+        K = np.linalg.solve(weight + G.T @ P @ G, G.T @ P @ F)
+        P = Q + F.T @ P @ (F - G @ K)
+        P = 0.5 * (P + P.T)
+    weights = {"Q": sa.Weights(s=1.0, v=0.01), "R": sa.Weights(a=weight), "limits": sa.Limits(a=1e4)}
+    return sa.MPC(model, horizon=horizon, controls=("a",), **weights), float(START @ P @ START), float(-(K @ START)[0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hessian", ["gauss-newton", "exact"])
-def test_steps_that_end_under_multipliers_beyond_all_numbers_are_no_solution(hessian):
-    """Seven times the least cost was named solved."""
-    plan = brought_to_rest(600, hessian)
-    assert plan.status is not Status.SOLVED or plan.cost == pytest.approx(LEAST, rel=1e-6)
+@pytest.mark.filterwarnings("ignore:no C compiler was found")
+@pytest.mark.parametrize("solver", WAYS)
+@pytest.mark.parametrize(
+    ("pole", "horizon", "dt", "known"),
+    [
+        (3.0, 20, 0.1, True),
+        (8.0, 30, 0.1, False),
+        (6.0, 30, 0.15, False),
+        (5.0, 50, 0.1, False),
+        (40.0, 20, 0.05, False),
+    ],
+)
+@pytest.mark.parametrize("weight", [1.0, 1e-4])
+def test_what_is_named_solved_is_the_optimum(pole, horizon, dt, known, weight, solver, request, monkeypatch):
+    if "interpreted" in request.node.name:
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+    mpc, cost, first = pushed(pole, horizon, dt, weight)
+    mpc = sa.MPC(ocp=mpc.ocp, solver=sa.RealTime(**solver))
+    plan = mpc.plan(START)
+    if plan.status.solved:
+        assert plan.cost == pytest.approx(cost, rel=1e-5)
+        assert plan.command[0] == pytest.approx(first, rel=1e-4)
+    stages = {"auto", "riccati", "exact"}
+    grows = pole * horizon * dt
+    if known or (grows < 28 and any(f"-{way}]" in request.node.name for way in stages)):
+        assert plan.status.solved
+
+
+@needs_compiler
+def test_in_a_loop_such_plans_stay_the_optimum():
+    """One real-time iteration from plan to plan, which leaves what five hundred billion times rounding makes."""
+    mpc, _, _ = pushed(6.0, 30, 0.15, 1e-4)
+    x, plan = START, None
+    for _ in range(8):
+        plan = mpc.plan(x, previous=plan)
+        assert plan.status.solved
+        fresh = mpc.plan(x)
+        assert plan.command[0] == pytest.approx(fresh.command[0], rel=1e-3, abs=1e-6)
+        x = np.asarray(mpc.ocp.model.step(x, plan.command))
+    assert abs(x[0]) < 1e-4

@@ -119,7 +119,7 @@ class MultiARXMPC(BlendedProblem):
         """`plan` with ``numbers`` for the model's coefficients, such as adapted ones; ``memory`` goes into the plan."""
         solver = self.solver
         begin = perf_counter()
-        if type(reference) is Reference and not self.integral:
+        if type(reference) is Reference and not self.integral and not reference.varied and reference.scenarios is None:
             answer = self._again(numbers, x, reference, previous, applied, memory, begin)
             if answer is not None:
                 return answer

@@ -51,7 +51,7 @@ typedef struct {
 
 enum {
     CAR_SOLVED,          /* optimal within tolerance */
-    CAR_REAL_TIME,       /* real-time iterations from the last plan: not converged, but the residuals are small */
+    CAR_REAL_TIME,       /* real-time iterations: not converged, but the residuals are small */
     CAR_ITERATION_LIMIT, /* the iteration limit was reached before the optimum */
     CAR_STALLED,         /* no further progress was possible before the optimum */
     CAR_TIME_OUT,        /* the deadline passed before the optimum */

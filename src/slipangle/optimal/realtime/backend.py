@@ -49,7 +49,7 @@ class RealTime(Checked):
     Parameters
     ----------
     iterations : int
-        Gauss-Newton steps per plan; 0 iterates to convergence every time.
+        Gauss-Newton steps per plan; 0 iterates to convergence every time, and is not content with less.
     tolerance : float
         Of converged solutions: largest change of an input in the last step, relative to half its range [-]; where
         rounding makes the cost the same, steps are taken until they no longer shrink. Where it keeps a step that
@@ -61,7 +61,9 @@ class RealTime(Checked):
     accept : float
         Largest residual of real-time iterations that are a plan; see `Plan.residual`. [-]
     qp : {"auto", "condensed", "riccati"}
-        How quadratic programs are solved; "auto" takes what is faster at each of them.
+        How quadratic programs are solved; "auto" takes what is faster at each of them, and does not condense where
+        states grow so much over the horizon, as those of a plant that is not stable, that little would be left of the
+        weights of inputs. Where all states are lost in rounding (1e15 times as large in the end), nothing is `SOLVED`.
     hessian : {"gauss-newton", "exact"}
         Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
         the multipliers of the step before: all of them where they are positive on what the held limits leave free,

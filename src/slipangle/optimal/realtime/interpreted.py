@@ -18,7 +18,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
-from slipangle.optimal.realtime.interpreted_truth import Promise, moves_on, reach_of, units
+from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, outgrown, reach_of, units
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -325,14 +325,19 @@ class WorkArea(Engine):
             return self._solution(u, x, iterate, unfinished)
         return self._from(np.tile(self._applied, (len(u), 1)), iterate.iterations, unfinished)
 
-    def _from(self, u: np.ndarray, before: int, unfinished: int, ahead: bool = False) -> Solution:
+    def _from(
+        self, u: np.ndarray, before: int, unfinished: int, *, ahead: bool = False, rolled: bool = False
+    ) -> Solution:
         """Iterate from other inputs, and states that need not follow from them yet, after so many iterations.
 
-        The states stay, or, if `ahead`, head for the end.
+        The states stay, or, if `ahead`, head for the end; if `rolled`, they follow from the inputs.
         """
         u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
-        x = self._heading(u) if ahead else self._staying(u)
+        if rolled:
+            x = self._roll_out(self._x0, u, self._reference)
+        else:
+            x = self._heading(u) if ahead else self._staying(u)
         found = self._converge(u, x, self._settings.max_iterations - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
 
@@ -344,7 +349,7 @@ class WorkArea(Engine):
             lost = found.status is Status.INFEASIBLE or led_nowhere(found.status, found.violation)
             if not lost or found.iterations >= self._settings.max_iterations:
                 break
-            found = self._from(u, found.iterations, unfinished, ahead)
+            found = self._from(u, found.iterations, unfinished, ahead=ahead)
         if before.status is not Status.INFEASIBLE or _leads_on(found):
             return found
         return _still(found, before)
@@ -352,8 +357,9 @@ class WorkArea(Engine):
     def _elsewhere(self, missed: Solution, unfinished: int) -> Solution:
         """Hard limits that are missed by least where a solve ended may be kept elsewhere.
 
-        It begins anew from the inputs there, those of one control after the other mirrored about the middle of range.
-        Where that leads to a plan that keeps them, finished or not, they are not out of reach.
+        It begins anew from the inputs there, those of one control after the other mirrored about the middle of range,
+        or a quarter of that off it where they are all there, as of a car that heads straight for an obstacle. Where
+        that leads to a plan that keeps them, finished or not, they are not out of reach.
         """
         both, found = self.ocp.input_bounds.sum(axis=1), missed
         for j in range(len(both) if len(self._plain) else 0):
@@ -361,7 +367,9 @@ class WorkArea(Engine):
                 break
             u = missed.u.copy()
             u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
-            found = self._from(u, found.iterations, unfinished)
+            same = bool(np.abs(u[:, j] - missed.u[:, j]).max() <= SETTLED * self._scale[j])
+            u[:, j] += 0.5 * self._scale[j] * same
+            found = self._from(u, found.iterations, unfinished, rolled=same)
             if _leads_on(found):
                 return found
         return _still(found, missed)
@@ -690,6 +698,7 @@ class WorkArea(Engine):
             least_step = min(least_step, size) if flat else least_step
             may_rise = missed > 1e-6 and price < dearest  # of the price: the last digits are not worth their steps
             last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
+            hazy = last and (blurred(H, np.diag(self._quadratic), step, self._half_cost(m.e, u)) or outgrown(m.A))
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
             k = self._k.copy()
@@ -723,8 +732,9 @@ class WorkArea(Engine):
                 price, priced, idle, least_step, settled = 100 * price, count, 0, np.inf, last
                 continue
             if last or t < 1e-6:
-                return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
-            if residual <= accept and not paid and (loose or late or count == most):
+                return u, x, replace(iterate, status=Status.SOLVED if last and not hazy else Status.STALLED)
+            rough = loose or late or (count == most and self._settings.iterations > 0)  # 0: to the optimum, as asked
+            if residual <= accept and not paid and rough:
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)

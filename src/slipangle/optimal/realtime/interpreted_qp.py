@@ -6,6 +6,7 @@ import daqp
 import numpy as np
 
 from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.interpreted_truth import FACTORED
 from slipangle.optimal.realtime.parts import input_scale, slack_of_rows
 from slipangle.optimal.solution import Status
 
@@ -65,7 +66,7 @@ class LimitedStep:
         ocp, n, size = self._ocp, len(u), len(g)
         soft, hard, limits = np.flatnonzero(self.soft), np.flatnonzero(~self.soft), len(self.plain)
         many, rates = len(soft), len(self.rated)
-        H = H + np.eye(size) * 1e-12 * max(np.diag(H).max(), 1e-300)
+        H = H + np.eye(size) * FACTORED * max(np.diag(H).max(), 1e-300)
         low, high = ((np.tile(b, n) - u.ravel()) / self._scale for b in ocp.input_bounds.T)
         change = (u - np.vstack([applied, u[:-1]])).ravel()[self.rated]
         step_low, step_high = (ocp.step_bounds[..., k].ravel()[self.rated] - change for k in (0, 1))

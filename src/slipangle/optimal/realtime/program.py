@@ -127,7 +127,25 @@ def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
     if qp != "auto":
         return qp == "riccati"
     condense, factor = _nanoseconds(ocp, stage)
-    return curved(ocp) is not None or condense > 1.3 * factor  # less is not worth twice the code
+    return curved(ocp) is not None or condense > 1.3 * factor or grows(ocp)  # less is not worth twice the code
+
+
+_LARGE = 1e5  # growth over the horizon, whose square condensed programs have to hold beside the weights of inputs
+
+
+def grows(ocp: OCP) -> bool:
+    """Whether states grow much over the horizon where the model moves straight on: such programs are not condensed."""
+    model: Any = ocp.model
+    if getattr(ocp, "links", ()):  # several phases have no model of their own
+        return False
+    x, u = np.asarray(model.straight(20.0), dtype=float), np.zeros(model.n_inputs)
+    if "v_x" in model.inputs:
+        u[model.inputs.index("v_x")] = 20.0
+    step = model.functions[0]
+    A = np.asarray(step.jacobian()(x, u, step(x, u))[0].full())
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = np.abs(np.linalg.matrix_power(A, int(ocp.nodes[-1])))
+    return bool(np.isfinite(A).all() and not whole.max() <= _LARGE)
 
 
 def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
@@ -154,6 +172,7 @@ def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
     return [
         "#define RICCATI 1",
         f"#define NV {_changing(ocp, stage)}",
+        f"#define GROWS {int(qp == 'auto' and grows(ocp))}",
         f"#define JOINED {0 if ocp.nodes[-1] == ocp.horizon else ocp.horizon}",
         f"#define TO_CONDENSE {condense!r}",
         f"#define TO_FACTOR {factor!r}",

@@ -259,14 +259,15 @@ static int condense(Work *s, int learn)
         secant(s, H, s->pair_s + k * QL, s->pair_y + k * QL);
     double top = 0;
     for (int a = 0; a < N * NU; a++)
-        top = larger(H[a * QL + a], top);
-    s->top = top;
+        top = larger(s->own[a] = H[a * QL + a], top);
+    s->top = top, s->blur = 0;
     if (!(top < INFINITY))
         return 0;
     if (s->damp > 0)
         for (int a = 0; a < N * NU; a++)
             H[a * QL + a] += s->damp * H[a * QL + a];
     for (double more = 1e-12; more < 1; more *= 100) { /* an input without effect stays where it is */
+        s->blur += more * (top > 0 ? top : 1);
         for (int a = 0; a < N * NU; a++)
             H[a * QL + a] += more * (top > 0 ? top : 1);
         if (qp_factor(q))
@@ -643,7 +644,8 @@ INLINE int all_curvature(const Work *s)
 static int pose(Work *s, int by_stages, int learn)
 {
 #ifdef RICCATI
-    s->by_stages = by_stages && (s->damp == 0 || N >= MANY) && s->pairs + learn <= FEW && by_stages_now(s);
+    s->by_stages = by_stages && (s->damp == 0 || N >= MANY) && s->pairs + learn <= FEW &&
+                   (GROWS || s->unstable || by_stages_now(s));
     s->by_stages |= by_stages && all_curvature(s);
     if (s->by_stages) {
         if (!begins(s, BY_STAGES))
@@ -872,6 +874,45 @@ static int solve_qp(Work *s, int warm)
     return outcome[status];
 }
 
+#define BLURRED 1e-9   /* of half an input's range, and of the cost, that may be left */
+#define OUTGROWN 1e15 /* growth of states over the horizon beyond which no digit of the first ones is left in the last */
+
+/* Whether states grow so over the horizon that no sum of its stages can be trusted. */
+static int outgrown(const Work *s)
+{
+    double now[NX * NX] = {0}, later[NX * NX], most = 0;
+    for (int a = 0; a < NX; a++)
+        now[a * NX + a] = 1;
+    for (int m = 0; m < NS; m++) {
+        const double *A = s->A + m * NX * NX;
+        for (int a = 0; a < NX; a++)
+            for (int b = 0; b < NX; b++) {
+                double sum = 0;
+                for (int c = 0; c < NX; c++)
+                    sum += A[a * NX + c] * now[c * NX + b];
+                later[a * NX + b] = sum;
+            }
+        memcpy(now, later, sizeof now);
+    }
+    for (int a = 0; a < NX * NX; a++)
+        most = larger(fabs(now[a]), most);
+    return !(most <= OUTGROWN);
+}
+
+/* Whether a condensed program whose step is all but none may leave cost: what was added to the curvature so that there is
+   a factor is more than the weights of the inputs, as where states grow much over the horizon. */
+static int blurred(const Work *s, double cost)
+{
+    double left = 0;
+    for (int a = 0; a < N * NU && !s->by_stages; a++) {
+        double weight = SCALE[a % NU] * SCALE[a % NU] * (s->wr[a] + s->ws[a]), push = s->blur * fabs(s->qp.u[a]);
+        double own = weight > 0 ? weight : s->own[a];
+        if (own > 0 && push > BLURRED * own)
+            left += push * push / own;
+    }
+    return left > BLURRED * cost;
+}
+
 /* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
 static int feedback(Work *s, int last)
 {
@@ -1092,6 +1133,12 @@ static int converge(Work *s, int64_t most, int loose)
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
         int still = predicted <= TELLING * larger(here, begun); /* else curvature of multipliers long gone holds it there */
         int last = near && !s->frail && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
+        int hazy = last && blurred(s, cost);
+#ifdef RICCATI
+        if (hazy && !s->unstable)
+            s->unstable = 1, hazy = last = idle = 0;
+#endif
+        hazy |= last && outgrown(s);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
@@ -1102,7 +1149,7 @@ static int converge(Work *s, int64_t most, int loose)
                     s->violation = s->residual = INFINITY;
                     return TIME_OUT;
                 }
-                return last ? SOLVED : status;
+                return last && !hazy ? SOLVED : status;
             }
             move(s, t);
             int finite = linearise(s);
@@ -1124,6 +1171,8 @@ static int converge(Work *s, int64_t most, int loose)
         s->cost = 2 * cost, s->violation = price > 0 ? larger(violation, largest_excess(s, NULL)) : violation;
         if (last && !paid && there - cost > HIDDEN * larger(cost, begun)) /* under multipliers beyond all numbers */
             return FAILED;
+        if (hazy && !paid)
+            return STALLED;
         if (last && !paid) {
             s->residual = s->step;
             return SOLVED;
@@ -1159,7 +1208,7 @@ static int converge(Work *s, int64_t most, int loose)
     }
     if (stays && nearest > FEASIBLE) /* which nothing is where limits were kept on the way */
         return INFEASIBLE;
-    return accepted(s) && !paid ? ITERATED : ITERATION_LIMIT;
+    return accepted(s) && !paid && (loose || s->fixed > 0) ? ITERATED : ITERATION_LIMIT; /* 0: to the optimum, as asked */
 }
 
 /* States that stay go straight to where hard limits want them in the end. */
@@ -1184,12 +1233,17 @@ static void head_for_end(Work *s)
             s->x[m * NX + a] += by[a] * ((double)m / (double)NS);
 }
 
-/* Iterate from other inputs, and states that need not follow from them yet: they stay, or, if `ahead`, head for the end. */
-static int begin_at(Work *s, int ahead)
+enum { STAY, HEAD_FOR_END, ROLL_OUT };
+
+/* Iterate from other inputs, and states that follow from them, or need not yet: they stay, or head for the end. */
+static int begin_at(Work *s, int states)
 {
     keep_inputs(s);
-    stay(s);
-    if (ahead)
+    if (states == ROLL_OUT)
+        roll_out(s);
+    else
+        stay(s);
+    if (states == HEAD_FOR_END)
         head_for_end(s);
     forget_rows(s);
     price_limits(s, 0);
@@ -1218,7 +1272,7 @@ static int begin_anew(Work *s, int status)
         return status;
     for (int i = 0; i < N; i++)
         memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    return begin_at(s, 0);
+    return begin_at(s, STAY);
 }
 
 /* Where that led nowhere either, or limits are missed, two last starts: inputs in the middle of their ranges, and states
@@ -1227,14 +1281,14 @@ static int begin_halfway(Work *s, int status)
 {
     int64_t anew = s->anew;
     int ended = status;
-    for (int ahead = 1; ahead >= 0; ahead--) {
+    for (int states = HEAD_FOR_END; states >= STAY; states--) {
         if ((ended != INFEASIBLE && !nowhere(s, ended)) || s->iterations >= s->max_iterations)
             break;
         for (int a = 0; a < N * NU; a++) {
             double middle = 0.5 * (INPUT_LOW[a % NU] + INPUT_HIGH[a % NU]);
             s->u[a] = fabs(middle) < INFINITY ? middle : s->applied[a % NU];
         }
-        ended = begin_at(s, ahead);
+        ended = begin_at(s, states);
     }
     if (status != INFEASIBLE || leads_on(s, ended))
         return ended;
@@ -1243,19 +1297,25 @@ static int begin_halfway(Work *s, int status)
 }
 
 /* Hard limits that are missed by least where a solve ended may be kept elsewhere: it begins anew from the inputs there,
-   those of one control after the other mirrored about the middle of their range. Where that leads to a plan that keeps
-   them, finished or not, they are not out of reach. */
+   those of one control after the other mirrored about the middle of their range, or a quarter of that off it where they
+   are all there, as of a car that heads straight for an obstacle. Where that leads to a plan that keeps them, finished or
+   not, they are not out of reach. */
 static int look_elsewhere(Work *s, int status)
 {
     double *missed = s->way_u;
     int64_t anew = s->anew;
     memcpy(missed, s->u, sizeof s->u);
     for (int j = 0; j < NU && N_LIMITS > 0 && status == INFEASIBLE && s->iterations < s->max_iterations; j++) {
-        double both = INPUT_LOW[j] + INPUT_HIGH[j];
+        double both = INPUT_LOW[j] + INPUT_HIGH[j], most = 0;
         memcpy(s->u, missed, sizeof s->u);
-        for (int i = 0; i < N; i++)
+        for (int i = 0; i < N; i++) {
             s->u[i * NU + j] = (fabs(both) < INFINITY ? both : 0) - missed[i * NU + j];
-        int ended = begin_at(s, 0);
+            most = larger(fabs(s->u[i * NU + j] - missed[i * NU + j]), most);
+        }
+        int same = most <= SETTLED * SCALE[j];
+        for (int i = 0; i < N && same; i++)
+            s->u[i * NU + j] += 0.5 * SCALE[j];
+        int ended = begin_at(s, same ? ROLL_OUT : STAY);
         if (leads_on(s, ended))
             return ended;
     }

@@ -88,6 +88,8 @@ typedef struct {
     double left_working[1 + 2 * QT], left_numbers[3];
     double damp; /* of inputs, relative to the curvature */
     double top;  /* largest curvature by an input, of the program condensed */
+    double own[N * NU], blur; /* that by each, and what was added to it so that there is a factor */
+    int64_t unstable; /* whether that blurs the optimum, as states that grow much do: it is not condensed any more */
     int64_t frail; /* whether the last program was condensed with few digits */
     double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
