@@ -204,7 +204,7 @@ def _functions(model: Any, names: tuple[str, ...]) -> tuple[ca.Function, ...]:
 
 
 def _of_controller(project: Project) -> Part:
-    """C of a controller with its header, and the variables: the numbers of its input struct, then what it decided."""
+    """A shell around the files of a controller, and the variables: its input struct's numbers, then what it decided."""
     names, n = project.facts["interface"], project.facts["sizes"]
     listed = [channel(f"state.{s}", "input", s, start=0.0) for s in names["states"]]
     for what, columns, rows in (
@@ -215,10 +215,7 @@ def _of_controller(project: Project) -> Part:
         listed += [channel(f"{what}.{c}[{i}]", "input", c, start=0.0) for i in range(rows) for c in columns]
     listed += [channel(c, "output", c) for c in names["controls"]]
     listed += [channel(c, "output", "") for c in STATUS_NUMBERS]
-    given = project.everything
-    code = given[f"{project.name}.c"].replace(f'#include "{project.name}.h"\n', given[f"{project.name}.h"])
-    part = with_prefix(_template("controller.c"), project.name)
-    return Part(code="\n".join([code, "#define PARAMETERS 0", part]), variables=unique(listed))
+    return _shell("controller.c", project, listed)
 
 
 def _of_driver(driver: Driver | Racer, project: Project) -> Part:
@@ -233,10 +230,17 @@ def _of_driver(driver: Driver | Racer, project: Project) -> Part:
         listed += [channel(f"{what}.{n}", "output", n) for n in names["states"]]
     listed = [replace(v, doc=(DRIVER_DOCS | pedals).get(v.name, v.doc)) for v in listed]
     listed += [replace(channel(n, "output", ""), doc=DRIVER_DOCS[n]) for n in DRIVER_NUMBERS]
-    files = {n: text for n, text in project.everything.items() if n.endswith((".c", ".h")) and n in _compiled(project)}
-    part = with_prefix(_template("driver.c"), project.name)
+    return _shell("driver.c", project, listed)
+
+
+def _shell(name: str, project: Project, variables: list[Variable]) -> Part:
+    """A file of ``export/fmu`` around those of a project, each of which stays one of its own."""
+    kept = _compiled(project)
+    code = f'#include "{project.name}.h"\n#define PARAMETERS 0\n{with_prefix(_template(name), project.name)}'
     return Part(
-        code=f'#include "{project.name}.h"\n#define PARAMETERS 0\n{part}', variables=unique(listed), files=files
+        code=code,
+        variables=unique(variables),
+        files={n: text for n, text in project.everything.items() if n in kept},
     )
 
 
