@@ -124,6 +124,12 @@ def test_what_is_no_plant_is_said(file, tmp_path, monkeypatch):
         sa.PlantFMU(file, inputs={"delta": "steer"})
     with pytest.raises(ParameterError, match="start names"):
         sa.PlantFMU(file, start={"r": "r"})
+    for wrong in ({"start": {"v_x": 20.0}}, {"inputs": ["delta"]}, {"outputs": "r"}, {"start": {1: "v_x"}}):
+        with pytest.raises(ParameterError, match=r"is .*; expected the name of a variable for each channel"):
+            sa.PlantFMU(file, **wrong)
+    for wrong in ({"parameters": {"mass": "heavy"}}, {"parameters": [1.0]}, {"dt": "short"}):
+        with pytest.raises(ParameterError, match=r"is .*; expected a number by each name"):
+            sa.PlantFMU(file, **wrong)
     with pytest.raises(ParameterError, match="recommends no step size"):
         sa.PlantFMU(rewritten(file, tmp_path, (r' stepSize="[^"]*"', "")))
     (tmp_path / "no.fmu").write_bytes(b"nothing")

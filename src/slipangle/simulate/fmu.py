@@ -48,7 +48,7 @@ class PlantFMU(Brief):
     FormatError
         If the file is no FMU for co-simulation with a library for this machine.
     ParameterError
-        If a variable is not there or no real number, or no step size is known.
+        If a variable is not there or no real number, no step size is known, or a mapping is none of names or numbers.
     SimulationError
         If the FMU refuses a call, ends, or starts elsewhere than it was asked to, each in `reset` and `step` too.
     """
@@ -76,6 +76,7 @@ class PlantFMU(Brief):
         self._described, self._newer = described, described.fmiVersion.startswith("3")
         self._variables = {v.name: v for v in described.modelVariables}
         known = {v.name: v for v in described.modelVariables if v.type in REAL}
+        _require_mappings(inputs=inputs, outputs=outputs, start=start)
         self._in = dict(inputs) if inputs is not None else {n: n for n, v in known.items() if v.causality == "input"}
         self._out = dict(outputs) if outputs is not None else self._measured(known)
         self._start = dict(start) if start is not None else self._settable(known)
@@ -84,14 +85,14 @@ class PlantFMU(Brief):
                 self._require(variable, what)
         if unknown := set(self._start) - set(KNOWN):
             raise ParameterError(f"start names {shown(sorted(unknown))}; expected channels of {', '.join(KNOWN)}")
-        self._parameters = dict(parameters or {})
+        self._parameters = _numbers(parameters or {}, "parameters")
         for variable in self._parameters:
             self._require(variable, "parameters")
         experiment = described.defaultExperiment
         step = dt if dt is not None else getattr(experiment, "stepSize", None)
         if step is None:
             raise ParameterError(f"'{path}' recommends no step size; expected the time of one step: say dt=0.001")
-        self.dt: Any = float(step)
+        self.dt: Any = _numbers({"dt": step}, "dt")["dt"]
         self.inputs, self.outputs = tuple(self._in), tuple(self._out)
         require_plant(self)
         self._factors = {n: self._factor(n) for n in (*self._in.values(), *self._out.values(), *self._start.values())}
@@ -155,7 +156,7 @@ class PlantFMU(Brief):
             part.fmi3Reset(part.component) if self._newer else part.reset()
             self._begun = False
         for variable, value in self._parameters.items():
-            self._set({variable: float(value)})
+            self._set({variable: value})
         self._set({v: start[n] / self._factors[v] for n, v in self._start.items() if n in start})
         self._set({v: start[n] / self._factors[v] for n, v in self._in.items() if n in start})
         if not self._newer:
@@ -239,6 +240,28 @@ class PlantFMU(Brief):
         if not unit or not units.known(unit):
             return 1.0
         return float(units.to_si(1.0, unit))
+
+
+def _require_mappings(**given: Any) -> None:
+    """Raise ParameterError unless each that is given says by its name which variable a channel is."""
+    for what, names in given.items():
+        known = isinstance(names, Mapping) and all(isinstance(n, str) for pair in names.items() for n in pair)
+        if not (names is None or known):
+            raise ParameterError(
+                f"{what} is {shown(names)}; expected the name of a variable for each channel, such as "
+                "{'v_x': 'v_0'}: numbers go into parameters, or into reset"
+            )
+
+
+def _numbers(given: Any, what: str) -> dict[str, float]:
+    """Numbers by name.
+
+    Raises ParameterError if they are none.
+    """
+    try:
+        return {name: float(value) for name, value in given.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise ParameterError(f"{what} is {shown(given)}; expected a number by each name, in the units there") from None
 
 
 def _said(error: Exception) -> str:
