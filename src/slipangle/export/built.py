@@ -20,6 +20,7 @@ from slipangle.export.kinds import project_of
 from slipangle.export.loops import LOOPS
 from slipangle.export.names import checked, with_prefix
 from slipangle.export.project import write
+from slipangle.export.settings import place, require_drive
 from slipangle.files import write_atomic
 from slipangle.models.storage import save as save_record
 
@@ -57,10 +58,12 @@ def build(
     ConfigError
         If there is no compiler, or it does not compile this.
     ParameterError
-        If there is no C of this controller, or the name cannot be one.
+        If there is no C of this controller, a setting is of another kind, or the name cannot be one.
     WriteError
         If the folder is not empty or cannot be written.
     """
+    place(folder, "folder")
+    require_drive(drive)
     project = project_of(controller, checked(name) if name else "", drive)
     if "interface" not in project.facts:
         raise ParameterError(f"a {type(controller).__name__} is no controller; expected one: it is exported only")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 import tempfile
 import uuid
 import zipfile
@@ -16,7 +17,7 @@ import casadi as ca
 from slipangle.codegen import compiler
 from slipangle.control.driver import Driver
 from slipangle.control.racing.racer import Racer
-from slipangle.errors import ParameterError, WriteError
+from slipangle.errors import ParameterError, WriteError, shown
 from slipangle.estimate.filter import moving, parametrised
 from slipangle.export.controllers import table
 from slipangle.export.drives import SPEED
@@ -24,13 +25,15 @@ from slipangle.export.fmi_description import Part, Variable, build_description, 
 from slipangle.export.kinds import project_of
 from slipangle.export.models import sourced
 from slipangle.export.names import checked, with_prefix
-from slipangle.export.project import LICENCE, Project
+from slipangle.export.project import LICENCE, Project, guarded
+from slipangle.export.settings import is_count, place
 from slipangle.files import write_atomic
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 
 PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
 NOT_MEASURED = 1e300  # beyond every channel's range
+LARGEST = sys.float_info.max  # start of a parameter that is infinite, for which a description has no number
 NOT_NEW = "new when it changes; NaN and 1e300: not measured"
 DRIVER_DOCS = {
     "wanted_v_x": "speed that the vehicle should have; 0: it should stop",
@@ -61,16 +64,17 @@ def export_fmu(
     """Write a model, a controller or a driver as an FMU for co-simulation, FMI 2.0 or 3.0.
 
     A model has its inputs and outputs, its states as local variables ``state.NAME``, whose start values can be set
-    before initialisation, and its parameters, within their ranges, as tunable ones; directional derivatives are those
-    of its outputs by all these. A model whose equations branch by its parameters, the dual track, has them compiled in.
-    A controller has its state, reference and exogenous inputs as inputs, ``reference.Y[3]`` the fourth node's, and its
-    command, status, age, ``stopping`` and count of fallbacks as outputs, which belong to the inputs at the beginning of
-    the last step. A step is a whole number of sample times; inputs are held over it. The state can be saved, restored
-    and written out.
+    before initialisation, and its parameters, within their ranges, as tunable ones, an infinite one from the largest
+    finite number on; directional derivatives are those of its outputs by all these. A model whose equations branch by
+    its parameters, the dual track, has them compiled in. A controller has its state, reference and exogenous inputs as
+    inputs, ``reference.Y[3]`` the fourth node's, and its command, status, age, ``stopping`` and count of fallbacks as
+    outputs, which belong to the inputs at the beginning of the last step. A step is a whole number of sample times;
+    inputs are held over it. The state can be saved, restored and written out. Names are those of the channels, each
+    different: a second one of the same name gets a number.
 
     Parameters
     ----------
-    thing : Model, MPC, MultiARXMPC, PathFollower, Driver or Racer
+    thing : Model, MPC, MultiARXMPC, SwitchedMPC, PathFollower, Driver or Racer
         What to export.
     path : str or Path
         The file, such as ``"car.fmu"``.
@@ -93,20 +97,21 @@ def export_fmu(
     ConfigError
         If there is no compiler for the library.
     ParameterError
-        If the thing has no C, or the name cannot be one there.
+        If the thing has no C, a setting is of another kind, or the name cannot be one there.
     WriteError
         If the file is there already or cannot be written.
     """
-    target = Path(path)
+    target = place(path, "path")
     if target.exists() and not force:
         raise WriteError(f"'{target}' is there already; expected a new file: name another, or replace it with --force")
-    if version not in VERSIONS:
-        raise ParameterError(f"the version of FMI is {version!r}; expected 2 or 3: say version=3")
+    if version not in VERSIONS or not is_count(version):
+        raise ParameterError(f"the version of FMI is {shown(version)}; expected 2 or 3: say version=3")
     project = project_of(thing, checked(name) if name else "", 2)
     part = _part(thing, project)
     guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, part.code + str(part.variables) + ''.join(part.files.values()))}}}"
     shell = project.name if not part.files else f"{project.name}_fmu"  # beside files of their own names
-    sources = {**part.files, f"{shell}.c": _source(part, guid, float(project.facts["dt"]), version)}
+    own = f"{shell}.c"
+    sources = {**part.files, own: guarded(own, _source(part, guid, float(project.facts["dt"]), version))}
     compiled = [n for n in sources if n.endswith(".c")]
     with tempfile.TemporaryDirectory(prefix="slipangle-fmu-") as scratch:
         made = Path(scratch) / "made.fmu"
@@ -162,7 +167,8 @@ def _of_model(model: Any) -> Part:
     listed = [channel(f"state.{s}", "local", s, start=float(v)) for s, v in zip(model.states, start, strict=True)]
     listed += [channel(s, "input", s, start=SPEED if s == "v_x" else 0.0) for s in model.inputs]
     for s in names:
-        said, value = parametrised(model).si(s), float(parametrised(model).value(s))
+        said = parametrised(model).si(s)
+        value = min(max(float(parametrised(model).value(s)), -LARGEST), LARGEST)
         low, high = min(float(said.lower), value), max(float(said.upper), value)
         listed.append(
             Variable(name=s, causality="parameter", unit=said.unit, doc=said.doc, start=value, low=low, high=high)

@@ -10,6 +10,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from slipangle.data.channels import STANDARD
+from slipangle.export.names import different
 from slipangle.export.project import Project
 
 BASE_UNITS = {
@@ -80,13 +81,22 @@ def channel(name: str, causality: str, of: str, start: float | None = None) -> V
 
 
 def unique(variables: Sequence[Variable]) -> list[Variable]:
-    """The same with a number after names that occur before, or that the time has."""
-    seen = {"time": 1}
-    made = []
+    """The same with names that may stand in a description, all different.
+
+    What XML has no place for is a space, a name without any letter is what the variable is, such as ``input``, and one
+    that occurs before, or that the time has, gets a number.
+    """
+    taken, made = {"time"}, []
     for v in variables:
-        count = seen[v.name] = seen.get(v.name, 0) + 1
-        made.append(v if count == 1 else replace(v, name=f"{v.name} {count}"))
+        name = different(name if (name := _written(v.name)).strip() else v.causality, taken)
+        taken.add(name)
+        made.append(replace(v, name=name))
     return made
+
+
+def _written(text: str) -> str:
+    """Text for an attribute: all characters but those that XML does not know, line ends and tabs."""
+    return re.sub("[^ -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", " ", text)
 
 
 def description(project: Project, part: Part, sources: Sequence[str], guid: str, version: int) -> str:
@@ -161,7 +171,7 @@ def _powers(unit: str) -> str:
 
 def _variable(v: Variable, i: int, version: int) -> str:
     given = {
-        "name": quoteattr(re.sub(r"[^\x20-\x7e]", " ", v.name)),
+        "name": quoteattr(v.name),
         "valueReference": f'"{i}"',
         "causality": f'"{v.causality}"',
         "variability": '"tunable"' if v.causality == "parameter" else '"continuous"',
@@ -169,7 +179,7 @@ def _variable(v: Variable, i: int, version: int) -> str:
     if v.causality in ("local", "parameter"):
         given["initial"] = '"exact"'
     if v.doc:
-        given["description"] = quoteattr(v.doc)
+        given["description"] = quoteattr(_written(v.doc))
     real = {"unit": quoteattr(v.unit)} if v.unit in BASE_UNITS else {}
     for key, number in (("min", v.low), ("max", v.high), ("start", v.start)):
         if number is not None and np.isfinite(number):

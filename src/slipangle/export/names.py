@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
+from itertools import chain, count
 
 from slipangle.errors import ParameterError, shown
-
-RESERVED = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while asm fortran "
-    "alignas alignof and and_eq bitand bitor bool catch char8_t char16_t char32_t class co_await co_return co_yield "
-    "compl concept consteval constexpr constinit const_cast decltype delete dynamic_cast explicit export false friend "
-    "mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast "
-    "requires static_assert static_cast template this thread_local throw true try typeid typename using virtual "
-    "wchar_t xor xor_eq main std linux unix i386 near far errno stdin stdout stderr".split()
-)
-"""Words of C and C++, and what their libraries and compilers define."""
+from slipangle.export.reserved import is_reserved
 
 
 def checked(name: str) -> str:
     """The name of an exported thing, with which its files and all its functions in C begin.
 
-    Raises ParameterError unless it is a short lower-case identifier that means nothing in C or C++.
+    Raises ParameterError unless it is a short lower-case identifier that means nothing in C, C++ or CMake.
     """
     if not (isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]{0,30}", name) and "__" not in name):
         raise ParameterError(
             f"the name is {shown(name)}; expected a lower-case identifier of C of at most 31 letters, such as 'car_mpc'"
         )
-    if name in RESERVED or name.endswith("_t"):
-        raise ParameterError(f"the name '{name}' is reserved in C or C++; expected another one, such as '{name}_mpc'")
+    if is_reserved(name):
+        raise ParameterError(f"the name '{name}' is reserved in C, C++ or CMake; expected another, such as 'car_mpc'")
     return name
 
 
@@ -38,9 +29,13 @@ def constants(prefix: str, names: Iterable[str]) -> dict[str, str]:
     made: dict[str, str] = {}
     for i, name in enumerate(names):
         word = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_").upper()[:40] or f"NUMBER_{i}"
-        word = f"{prefix}_{word}"
-        made[name] = word if word not in made.values() else f"{word}_{i}"
+        made[name] = different(f"{prefix}_{word}", made.values(), "_")
     return made
+
+
+def different(name: str, taken: Container[str], between: str = " ") -> str:
+    """The name, where it is taken with the first number from 2 on that makes it another one."""
+    return next(n for n in chain((name,), (f"{name}{between}{i}" for i in count(2))) if n not in taken)
 
 
 def comment(text: str) -> str:

@@ -45,6 +45,7 @@ class Project:
         named = {n: template(n).replace("@SOURCES@", " ".join(self.sources)) for n in SHELLS}
         named |= {**self.files, "README.md": template(self.readme)}
         made = {key.replace("car", self.name): with_prefix(text, self.name) for key, text in named.items()}
+        made = {key: guarded(key, text) for key, text in made.items()}
         made["drive.csv"] = self.drive
         made["README.md"] = made["README.md"].replace("@SENTENCE@", self.sentence).replace("@ABOUT@", self.about)
         made["LICENSE"] = LICENCE
@@ -64,6 +65,14 @@ code of third parties in it. It comes without any warranty.
 def template(name: str) -> str:
     """A file of ``export/c``."""
     return (files("slipangle.export") / "c" / name).read_text(encoding="utf-8")
+
+
+def guarded(name: str, text: str) -> str:
+    """A file of a project; in front of what is compiled stands what a compiler's flags may not be.
+
+    Flags for numbers that are all finite take out every test for NaN, which is how the code tells what is missing.
+    """
+    return template("finite_math.h") + text if name.endswith((".c", ".cpp")) else text
 
 
 def replay(name: str) -> str:
