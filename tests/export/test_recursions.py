@@ -5,7 +5,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen import compiler
-from slipangle.errors import ParameterError
+from slipangle.errors import ParameterError, SimulationError
 from slipangle.export.drives import Drive
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
@@ -39,6 +39,11 @@ def written(project, folder):
     for file, content in project.everything.items():
         (folder / file).write_text(content)
     return np.loadtxt(folder / "drive.csv", delimiter=",", skiprows=1)
+
+
+def as_float(text):
+    """A program's C for a library in single precision."""
+    return text.replace("double", "float").replace("%lf", "%f")
 
 
 def coefficients(said):
@@ -95,11 +100,89 @@ int main(void)
     run("gcc", "-std=c99", "-O1", "-o", "use", "car.c", "use.c", "-lm", folder=tmp_path)
     found = coefficients(run("./use", folder=tmp_path))
     for k, row in enumerate(found):
-        if k == 10:
+        if k in (0, 10):
             own.restart()
         error = own.update(0.1 + 0.02 * (k % 3), 0.3 * (k % 5))
         assert row == pytest.approx([error[0], own.theta[0], own.noise_covariance[0, 0]], rel=1e-9, abs=1e-12)
-    assert found[11, 0] == 0.0
+    assert found[0, 0] == found[11, 0] == 0.0 != found[13, 0]
+
+
+@needs_compiler
+@EACH
+def test_a_start_is_a_new_drive(kind, tmp_path):
+    """The lags that the log ended with are none of the car's that starts: they fill first, and nothing is unlearned."""
+    needs("gcc")
+    own = started(kind)
+    rows = written(project_of(own, "car", 40), tmp_path)
+    run("gcc", "-std=c99", "-O1", "-o", "program", "car.c", "main.c", "-lm", folder=tmp_path)
+    found = coefficients(run("./program", "--theta", folder=tmp_path, stdin=tmp_path / "drive.csv"))
+    known = own.theta
+    n_y, n_u = len(own.outputs), len(own.inputs)
+    assert (found[: own.memory] == known).all()
+    assert (found[own.memory] != known).all()
+    own.restart()
+    for row, theta in zip(rows, found, strict=True):
+        own.update(row[:n_y], row[n_y : n_y + n_u])
+        assert theta == pytest.approx(own.theta, rel=1e-10, abs=1e-10)
+    assert f"#define CAR_LAGS {own.memory}\n" in project_of(own, "car", 3).files["car.h"]
+
+
+HUGE = """
+#include "car.h"
+#include <stdio.h>
+int main(void)
+{
+    static car_recursion r;
+    static car_estimate e;
+    double line[3];
+    if (car_start(&r, sizeof r) != CAR_OK)
+        return 2;
+    while (scanf("%lf %lf", line, line + 1) == 2) {
+        int code = car_update(&r, line, line + 1, &e);
+        if (code == CAR_NOT_FINITE)
+            car_restart(&r);
+        printf("%d,%.17g,%.17g,%.17g\\n", code, e.error[0], e.theta[0][0], e.noise[0][0]);
+    }
+    return CAR_DIVERGED != 3;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("size", [1e8, 1e13, 1e20, 1e154, 1e300])
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("where", [0, 1], ids=["output", "input"])
+def test_a_huge_sample_is_refused_and_forgotten(where, precision, size, tmp_path):
+    """One that no channel reads moves nothing, and is said; the estimate goes on as Python's, and is always finite."""
+    needs("gcc")
+    own, rng = started("one output"), np.random.default_rng(3)
+    written(as_precision(project_of(own, "car", 3), precision), tmp_path)
+    (tmp_path / "use.c").write_text(HUGE if precision == "double" else as_float(HUGE))
+    drive = rng.normal(size=(1500, 2))
+    for k in range(1, len(drive)):
+        drive[k, 0] = 0.6 * drive[k - 1, 0] + 0.4 * drive[k - 1, 1] + 0.05 * drive[k, 0]
+    drive[500, where], drive[1000, where] = size, -size
+    np.savetxt(tmp_path / "drive", np.where(np.abs(drive) > 3e38, np.inf, drive) if precision == "single" else drive)
+    run("gcc", "-std=c99", "-O1", "-o", "use", "car.c", "use.c", "-lm", folder=tmp_path)
+    found = coefficients(run("./use", folder=tmp_path, stdin=tmp_path / "drive"))
+    refused = np.flatnonzero(found[:, 0])
+    assert np.isfinite(found).all()
+    if size > 1e12:
+        assert refused.tolist() == [500, 1000]
+        assert (found[refused, 0] == (2 if precision == "single" and size > 3e38 else 3)).all()
+        assert (np.diff(found[499:501, 2:], axis=0) == 0).all()
+        calm = np.abs(found[400:500, 1]).max()
+        assert calm < 0.3
+        assert (np.abs(found[refused[0] + 1 :, 1]) < 2 * calm).all()
+    own.restart()
+    for k, row in enumerate(drive):
+        try:
+            own.update(row[0], row[1])
+        except SimulationError:
+            assert k in refused
+        if precision == "double" and size > 1e12:
+            wanted = [own.theta[0], own.noise_covariance[0, 0]]
+            assert found[k, 2:] == pytest.approx(wanted, rel=1e-9, abs=1e-12)
 
 
 @EACH

@@ -12,6 +12,7 @@ from slipangle.export.models import meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.identify.linear.recursive import RecursiveARX
+from slipangle.identify.linear.recursive_code import LARGEST
 
 
 def recursion_project(recursive: RecursiveARX, name: str, data: Dataset | int) -> Project:
@@ -20,17 +21,17 @@ def recursion_project(recursive: RecursiveARX, name: str, data: Dataset | int) -
     Parameters
     ----------
     recursive : RecursiveARX
-        What is exported; it goes on as if nothing had been.
+        What is exported, before the first sample of a new drive; its own goes on as if nothing had been.
     name : str
         The project's name, checked.
     data : Dataset or int
         The record to be replayed, or so many samples of a stable system of the same channels, noisy.
     """
-    recursion, (n_y, n_u) = recursive._recursion, (len(recursive.outputs), len(recursive.inputs))
+    recursion, (n_y, n_u) = begun(recursive)._recursion, (len(recursive.outputs), len(recursive.inputs))
     labels = recursive.names[: len(recursive.names) // n_y]
     regressors = [label.partition(": ")[2] or label for label in labels] if n_y > 1 else list(labels)
     title = f"recursive least squares of {len(regressors)} regressors, a sample every {recursive.dt:g} s"
-    counts = {"OUTPUTS": n_y, "INPUTS": n_u, "REGRESSORS": len(regressors)}
+    counts = {"OUTPUTS": n_y, "INPUTS": n_u, "REGRESSORS": len(regressors), "LAGS": recursion.memory}
     header = template("recursion.h").replace("@TITLE@", comment(title)).replace("@DT@", repr(float(recursive.dt)))
     header = header.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts.items()))
     for letter, mark, names in (
@@ -50,6 +51,7 @@ def recursion_project(recursive: RecursiveARX, name: str, data: Dataset | int) -
         table("SETTINGS", recursion.settings),
         f"#define N_STATE {recursion.state.size}",
         f"#define FILLED {recursion.place('filled')}",
+        f"#define LARGEST {LARGEST:e}",
         template("recursion.c"),
     ]
     source = "\n".join(parts)
@@ -77,8 +79,20 @@ def recursion_project(recursive: RecursiveARX, name: str, data: Dataset | int) -
     )
 
 
+def begun(recursive: RecursiveARX) -> RecursiveARX:
+    """A copy that knows as much, where a new drive begins."""
+    made = RecursiveARX(recursive.settings, recursive.inputs, recursive.outputs, recursive.dt)
+    made._recursion.state[:] = recursive._recursion.state
+    made.restart()
+    made._recursion.error[:] = 0.0
+    return made
+
+
 def replayed(recursive: RecursiveARX, data: Dataset | int) -> np.ndarray:
-    """Rows of outputs, inputs and the coefficients after them, of a recursion that begins where this one is."""
+    """Rows of outputs, inputs and the coefficients after them, of a recursion that knows as much as this one.
+
+    Raises SimulationError where the record holds what no channel reads.
+    """
     if isinstance(data, Dataset):
         data.require_dt(recursive.dt)
         part = data.experiments[0].select(inputs=recursive.inputs, outputs=recursive.outputs)
@@ -89,9 +103,7 @@ def replayed(recursive: RecursiveARX, data: Dataset | int) -> np.ndarray:
         y = np.zeros((data, len(recursive.outputs)))
         for k in range(1, data):
             y[k] = 0.8 * y[k - 1] + 0.3 * u[k - 1].sum() + 0.05 * rng.normal(size=y.shape[1])
-    own = RecursiveARX(recursive.settings, recursive.inputs, recursive.outputs, recursive.dt)
-    own._recursion.state[:] = recursive._recursion.state
-    kept = []
+    own, kept = begun(recursive), []
     for now, given in zip(y, u, strict=True):
         own.update(now, given)
         kept.append(np.concatenate([now, given, own.theta]))

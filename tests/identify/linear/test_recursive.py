@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.data.dataset import Dataset
@@ -15,6 +16,7 @@ from slipangle.errors import (
     NotFiniteError,
     ParameterError,
     SampleTimeError,
+    SimulationError,
 )
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.recursive import RLS
@@ -294,6 +296,111 @@ def test_the_covariance_is_what_the_estimates_scatter_by():
     assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
 
 
+def scattered(settings, n, seeds, excited):
+    """Errors of the estimates of white data, over the standard deviations that are said; noise as said."""
+    true, errors, noise = np.array([1.5, -0.7, 0.5, 0.3]), [], []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        u, e = excited(np.arange(n)) * rng.standard_normal(n), 0.1 * rng.standard_normal(n)
+        y = lfilter([0, 0.5, 0.3], [1, -1.5, 0.7], u) + lfilter([1], [1, -1.5, 0.7], e)
+        estimate = settings.start(inputs="u", outputs="y", dt=0.1)
+        estimate.run(Dataset.from_arrays({"u": u}, {"y": y}, 0.1))
+        errors.append((estimate.theta - true) / np.sqrt(np.diag(estimate.covariance)))
+        noise.append(estimate.noise_covariance[0, 0])
+    return np.array(errors), np.mean(noise)
+
+
+@pytest.mark.parametrize("forget", ["directional", "everywhere"])
+@pytest.mark.parametrize(
+    ("forgetting", "n", "excited"),
+    [
+        (1.0, 300, np.ones_like),
+        (0.995, 700, np.ones_like),
+        (0.98, 400, np.ones_like),
+        (0.98, 60, np.ones_like),  # hardly anything is forgotten yet
+        (0.98, 450, lambda k: np.where(k // 100 % 2, 0.05, 1.0)),  # bends and straights
+    ],
+)
+def test_intervals_hold_what_they_say_with_forgetting_too(forgetting, n, excited, forget):
+    """Of 95 % intervals over 500 records 93 to 97 % hold the truth; the noise is said within a few percent."""
+    settings = RLS(na=2, nb=2, forgetting=forgetting, forget=forget)
+    errors, noise = scattered(settings, n, 500, excited)
+    assert 0.93 <= np.mean(np.abs(errors) < 1.96) <= 0.97
+    assert noise == pytest.approx(0.01, rel=0.04)
+
+
+@pytest.mark.parametrize("forgetting", [0.97, 1.0])
+def test_the_scatter_of_exponential_forgetting_is_that_of_its_weights(forgetting):
+    """Weighted least squares by its formula: the weights of the errors enter squared."""
+    data = record(200).rows(70, 200)
+    settings = RLS(na=2, nb=2, forgetting=forgetting, forget="everywhere", threshold=0.0)
+    estimate = settings.start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
+    estimate.run(data)
+    y, u = data.y[:, 0], data.u[:, 0]
+    phi = np.column_stack([y[1:-1], y[:-2], u[1:-1], u[:-2]])
+    weight = forgetting ** np.arange(len(phi))[::-1]
+    inverse = np.linalg.inv(phi.T @ (weight[:, None] * phi))
+    wanted = inverse @ phi.T @ (weight[:, None] ** 2 * phi) @ inverse
+    assert estimate.gram_inverse == pytest.approx(inverse, rel=1e-6)
+    assert estimate.covariance == pytest.approx(estimate.noise_covariance[0, 0] * wanted, rel=1e-6)
+
+
+def test_what_was_never_excited_is_as_uncertain_as_at_the_start():
+    """Where rounding is larger than what is known, no variance passes the prior or is negative."""
+    rng = np.random.default_rng(0)
+    twice = rng.standard_normal(3000)
+    data = Dataset.from_arrays({"u": 1e4 * twice, "v": 1e4 * twice}, {"y": 1e4 * rng.standard_normal(3000)}, 0.1)
+    for forget in ("directional", "everywhere"):
+        estimate = RLS(na=1, nb=1, forgetting=0.995, forget=forget).start(inputs=("u", "v"), outputs="y", dt=0.1)
+        estimate.run(data)
+        at_most = estimate.noise_covariance[0, 0] * estimate.gram_inverse
+        assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-9 * np.trace(at_most)
+        assert (np.diag(estimate.covariance) <= np.diag(at_most) * (1 + 1e-9)).all()
+        if forget == "directional":  # the other forgets nothing as long as a variance is at its bound
+            assert estimate.covariance[0, 0] == pytest.approx(at_most[0, 0] / 1.995, rel=0.05)
+
+
+@pytest.mark.parametrize("compiled", [True, False], ids=["C", "no compiler"])
+def test_a_huge_sample_is_said_and_does_no_harm(monkeypatch, compiled):
+    """The estimate is as before, goes on after as many samples as the lags take, and a run says where it stopped."""
+    if not compiled:
+        without_compiler(monkeypatch)
+    data = record(400)
+    estimate = RLS(na=2, nb=2).start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
+    for k in range(100):
+        estimate.update(data.y[k], data.u[k])
+    for bad in ((1e154, 1.0), (1.0, -1e13), (1e300, 1e300)):
+        known, noise, count = estimate.theta, estimate.noise_covariance, estimate.n_samples
+        with pytest.raises(SimulationError, match=r"out of the finite numbers; expected measurements, at most 1e\+12"):
+            estimate.update(*bad)
+        assert np.array_equal(estimate.theta, known)
+        assert np.array_equal(estimate.noise_covariance, noise)
+        for k in range(140, 150):
+            estimate.update(data.y[k], data.u[k])
+        assert estimate.n_samples == count + 8
+        assert not np.array_equal(estimate.theta, known)
+    y = data["y0"].copy()
+    y[300] = 1e200
+    fresh = RLS(na=2, nb=2).start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
+    with pytest.raises(SimulationError, match=r"sample 300 of 'data' holds y = \[1e\+200\]"):
+        fresh.run(data.with_channel("y0", y))
+    before = RLS(na=2, nb=2).start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
+    before.run(data.rows(0, 300))
+    assert np.array_equal(fresh.theta, before.theta)
+
+
+def test_a_state_that_would_not_be_finite_is_refused(monkeypatch):
+    """Numbers a channel can read, of a prior that none has."""
+    for compiled in (True, False):
+        if not compiled:
+            without_compiler(monkeypatch)
+        estimate = RLS(na=1, nb=1, prior=1e290, forgetting=1.0).start(inputs="u", outputs="y", dt=0.1)
+        with pytest.raises(SimulationError, match="takes the estimate out of the finite numbers"):
+            estimate.run(Dataset.from_arrays({"u": np.full(4, 1e11)}, {"y": np.full(4, 1e11)}, 0.1))
+        assert np.isfinite(estimate.theta).all()
+        assert np.isfinite(estimate.covariance).all()
+
+
 @needs_compiler
 def test_update_allocates_nothing():
     estimate = RLS(na=2, nb=2, forgetting=0.99).start(inputs=("u",), outputs=("y",), dt=0.1)
@@ -340,6 +447,12 @@ def test_bad_input_says_what_to_do():
     estimate = RLS(na=1, nb=1).start(inputs=("a", "b"), outputs="y", dt=0.1)
     with pytest.raises(ParameterError, match="a sample has 1 inputs; expected 2: a, b"):
         estimate.update(1.0, 2.0)
+    single = RLS(na=1, nb=1).start(inputs="a", outputs="y", dt=0.1)
+    for bad in (("a", 0.1), (0.1, "b"), ({}, 0.1)):
+        with pytest.raises(ParameterError, match=r"the sample holds y = .*; expected numbers: one for each of y, a"):
+            single.update(*bad)
+    assert single.theta.shape == (2,) == (len(single.names),)
+    assert single.theta.base is None  # a copy
     data = record(50)
     with pytest.raises(MissingColumnError, match="'a'"):
         estimate.run(data)

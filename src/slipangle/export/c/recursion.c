@@ -22,17 +22,26 @@ int car_update(car_recursion *memory, const double y[CAR_OUTPUTS], const double 
 {
     double sample[CAR_OUTPUTS + CAR_INPUTS], next[N_STATE];
     Recursion *r = own(memory);
-    int good = 1;
+    int code = CAR_OK;
     memcpy(sample, y, sizeof(double) * CAR_OUTPUTS);
     memcpy(sample + CAR_OUTPUTS, u, sizeof(double) * CAR_INPUTS);
     for (int i = 0; i < CAR_OUTPUTS + CAR_INPUTS; i++)
-        good &= fabs(sample[i]) < INFINITY;
-    if (good) {
+        if (!(fabs(sample[i]) < INFINITY))
+            code = CAR_NOT_FINITE;
+        else if (code == CAR_OK && fabs(sample[i]) > LARGEST)
+            code = CAR_DIVERGED;
+    if (code == CAR_OK) {
         advance(r->state, sample, SETTINGS, next);
-        memcpy(r->state, next, sizeof next);
+        for (int i = 0; i < N_STATE; i++)
+            if (!(fabs(next[i]) < INFINITY))
+                code = CAR_DIVERGED;
     }
+    if (code == CAR_OK)
+        memcpy(r->state, next, sizeof next);
+    else if (code == CAR_DIVERGED)
+        r->state[FILLED] = 0;
     memcpy(to->error, r->state, sizeof to->error);
     memcpy(to->theta, r->state + CAR_OUTPUTS, sizeof to->theta);
     memcpy(to->noise, r->state + CAR_OUTPUTS * (1 + CAR_REGRESSORS), sizeof to->noise);
-    return good ? CAR_OK : CAR_NOT_FINITE;
+    return code;
 }

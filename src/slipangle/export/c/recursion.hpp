@@ -23,7 +23,7 @@ class Recursion {
     /// Forget past outputs and inputs but not the estimate.
     void restart() { car_restart(&recursion_); }
 
-    /// Take in a sample; whether all its numbers were finite.
+    /// Take in a sample; whether all its numbers were finite, and none so large that the estimate would not stay so.
     bool update(const Outputs &y, const Inputs &u)
     {
         return car_update(&recursion_, y.data(), u.data(), &estimate_) == CAR_OK;

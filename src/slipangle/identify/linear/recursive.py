@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import NotFiniteError, ParameterError, nearest
+from slipangle.errors import NotFiniteError, ParameterError, SimulationError, nearest, shown
 from slipangle.fields import Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.lags import same_for_all
-from slipangle.identify.linear.recursive_code import Recursion
+from slipangle.identify.linear.recursive_code import LARGEST, Recursion
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -128,7 +128,7 @@ class RecursiveRun:
     """How the estimate went over a record."""
 
     t: np.ndarray  # (n_samples,), time [s]
-    theta: np.ndarray  # (n_samples, n_parameters), coefficients after each sample, in the order of `names`
+    theta: np.ndarray  # (n_samples, n_coefficients), coefficients after each sample, in the order of `names`
     # (n_samples, n_outputs), measured minus predicted output, before the sample changed the estimate; zero while the
     # lags fill
     error: np.ndarray
@@ -180,8 +180,9 @@ class RecursiveARX:
     def update(self, y: float | np.ndarray, u: float | np.ndarray) -> np.ndarray:
         """Take in the outputs and inputs measured at one sample.
 
-        Raises ParameterError if there are not as many numbers as channels, and NotFiniteError if one is not finite; the
-        estimate is then as before. Call `restart` if samples are missing.
+        Raises ParameterError if there are not as many numbers as channels, NotFiniteError if one is not finite, and
+        SimulationError if one is so large that the estimate would leave the finite numbers: it is as before in each
+        case, and after the last the lags fill anew. Call `restart` if samples are missing.
 
         Parameters
         ----------
@@ -201,13 +202,22 @@ class RecursiveARX:
             self._u[...] = u
         except (ValueError, TypeError):
             self._check(y, u)
-            raise
-        if self._advance():
-            raise NotFiniteError(
-                f"the sample holds y = {np.array(y).tolist()}, u = {np.array(u).tolist()}; expected finite numbers: "
-                "leave the sample out and call restart()"
-            )
+            raise ParameterError(
+                f"the sample holds y = {shown(y)}, u = {shown(u)}; expected numbers: one for each of "
+                f"{', '.join((*self.outputs, *self.inputs))}"
+            ) from None
+        if code := self._advance():
+            self._refuse(code, y, u)
         return self._error
+
+    def _refuse(self, code: int, y: float | np.ndarray, u: float | np.ndarray, which: str = "the sample") -> None:
+        holds = f"{which} holds y = {np.array(y).tolist()}, u = {np.array(u).tolist()}"
+        if code == 1:
+            raise NotFiniteError(f"{holds}; expected finite numbers: leave the sample out and call restart()")
+        raise SimulationError(
+            f"{holds}, which takes the estimate out of the finite numbers; expected measurements, at most {LARGEST:g} "
+            "each: leave the sample out; the estimate is as before, and the lags fill anew"
+        )
 
     def _check(self, y: float | np.ndarray, u: float | np.ndarray) -> None:
         for value, names, what in ((y, self.outputs, "outputs"), (u, self.inputs, "inputs")):
@@ -221,7 +231,8 @@ class RecursiveARX:
     def run(self, data: Dataset) -> RecursiveRun:
         """Take in all samples of a record, one experiment after the other, and say how the estimate went.
 
-        Raises SampleTimeError or MissingColumnError if the data have another sample time or other channels.
+        Raises SampleTimeError or MissingColumnError if the data have another sample time or other channels, and
+        SimulationError at a sample that `update` refuses; those before it have been taken in.
         """
         data.require_dt(self.dt)
         for name in (*self.inputs, *self.outputs):
@@ -231,6 +242,9 @@ class RecursiveARX:
         for part in chosen.experiments:
             self.restart()
             parts.append(self._recursion.advance_many(part.y, part.u))
+            if (k := len(parts[-1][0])) < part.n_samples:
+                at = sum(len(errors) for errors, _ in parts)
+                self._refuse(2, part.y[k], part.u[k], f"sample {at} of '{data.name}'")
         error, theta = (np.concatenate(rows) for rows in zip(*parts, strict=True))
         return RecursiveRun(t=data.t, theta=theta, error=error, names=self.names)
 
@@ -265,8 +279,8 @@ class RecursiveARX:
 
     @property
     def theta(self) -> np.ndarray:
-        """Coefficients, shape (n_outputs, n_parameters), see `names`; a copy."""
-        return self._recursion.theta.ravel()
+        """Coefficients, shape (n_coefficients,), in the order of `names`; a copy."""
+        return self._recursion.theta.flatten()
 
     @property
     def noise_covariance(self) -> np.ndarray:
@@ -275,13 +289,20 @@ class RecursiveARX:
 
     @property
     def gram_inverse(self) -> np.ndarray:
-        """Covariance of one output's coefficients in units of its noise variance, shape (n, n) for n regressors."""
+        """Inverse of the weighted information, shape (n, n) for n regressors.
+
+        Without forgetting it is the covariance of one output's coefficients in units of its noise variance.
+        """
         return self._recursion.covariance
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of `theta`, given white errors; its shape is that of all coefficients, squared."""
-        return np.kron(self.noise_covariance, self.gram_inverse)
+        """Covariance of `theta`, given white errors and coefficients that stay; shape (n_coefficients, n_coefficients).
+
+        With forgetting it is less than `gram_inverse` times the noise's, about half of it where data are evenly
+        excited: samples count by their weight, the errors in them by its square.
+        """
+        return np.kron(self.noise_covariance, self._recursion.scatter)
 
     def model(self) -> ARXModel:
         """The present estimate as a model, with its covariance."""

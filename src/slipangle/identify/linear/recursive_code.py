@@ -4,6 +4,11 @@ The covariance is kept as ``P = U diag(d) U'``, so it stays symmetric and positi
 unit upper triangular and stored by columns, the measurement update is Bierman's, the rank-one update of the forgetting
 that of Agee and Turner.
 
+P is the inverse of the information as it is weighted, not how far the estimate scatters: of white errors of variance
+one, ``P^-1 (theta - truth)`` is a sum of regressors times errors, each by its weight, so the estimate scatters by
+``P S P``, where S, "scatter", sums the regressors' squares by the squares of their weights. Without forgetting S is
+P^-1; where a sample counts less by a factor every step, evenly excited, the two differ by one plus that factor.
+
 References
 ----------
 .. [1] G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. 3 and 5.
@@ -21,6 +26,7 @@ from slipangle.codegen.expression import emit, preamble
 from slipangle.models.fast import bind
 
 MOST = 50  # regressors, above which the compiler would take too long
+LARGEST = 1e12  # of a measurement: no channel reads it, and squares stay inside single precision
 DIFFUSE = 1e6  # variance of the prediction, in that of the noise, from which an error says nothing about the noise
 
 _SOURCE = """
@@ -29,24 +35,35 @@ _SOURCE = """
 int rls_advance(double *state, const double *sample, const double *settings)
 {
     double next[N_STATE];
+    int good = 1;
     for (int i = 0; i < N_SAMPLE; i++) if (!isfinite(sample[i])) return 1;
-    advance(state, sample, settings, next);
+    for (int i = 0; i < N_SAMPLE; i++) good &= fabs(sample[i]) <= LARGEST;
+    if (good) advance(state, sample, settings, next);
+    for (int i = 0; good && i < N_STATE; i++) good = isfinite(next[i]);
+    if (!good) {
+        state[FILLED] = 0;
+        return 2;
+    }
     memcpy(state, next, sizeof next);
     return 0;
 }
 
-void rls_advance_many(double *state, const double *samples, const double *settings, long count, double *out)
+long rls_advance_many(double *state, const double *samples, const double *settings, long count, double *out)
 {
     for (long k = 0; k < count; k++) {
-        if (rls_advance(state, samples + k * N_SAMPLE, settings)) return;
+        if (rls_advance(state, samples + k * N_SAMPLE, settings)) return k;
         memcpy(out + k * N_OUT, state, N_OUT * sizeof(double));
     }
+    return count;
 }
 """
 
 
 class Recursion:
     """State of one recursion and its arithmetic. A sample: fill `y` and `u`, then call `advance`.
+
+    That answers 0; 1 where a number is not finite, and all is as before; 2 where a number is larger than any
+    measurement or the state would not be finite: the estimate is as before then, and the lags fill anew.
 
     ``sizes`` are the numbers of outputs and inputs, and how many samples of each are kept, the present input included.
     ``pick`` says where each regressor is among the kept outputs, then inputs, newest sample first; the entry behind
@@ -68,7 +85,7 @@ class Recursion:
         directional: bool,
     ) -> None:
         (ny, nu, _, _), n = sizes, len(pick)
-        self.memory, ceiling = memory, n * (1 + 1e-9)
+        self.memory, self.forgetting, ceiling = memory, forgetting, n * (1 + 1e-9)
         self.settings = np.concatenate([[memory, forgetting, forgetting**n, threshold, ceiling], prior])
         shapes = _shapes(n, *sizes)
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
@@ -79,7 +96,7 @@ class Recursion:
         self.error, self.noise, self.prior = self.arrays["error"], self.arrays["noise"], prior
         self.covariance = np.diag(prior)
         self.function = function = _sample(pick, sizes, directional)
-        loaded = library(_source(function, ny * (1 + n)), name="rls") if n <= MOST else None
+        loaded = library(_source(function, ny * (1 + n), self.place("filled")), name="rls") if n <= MOST else None
         self.compiled = loaded is not None
         if loaded is not None:
             pointers = [a.ctypes.data for a in (self._state, self._sample, self.settings)]
@@ -105,6 +122,21 @@ class Recursion:
         columns[np.tril_indices(len(columns), -1)] = self.arrays["columns"]
         return (columns.T * self.arrays["d"]) @ columns
 
+    @property
+    def scatter(self) -> np.ndarray:
+        """Covariance of one output's estimate, given white errors of variance one, shape (n, n); at most P."""
+        if self.forgetting == 1.0:
+            return self.covariance
+        n = len(self.prior)
+        columns, squares = np.eye(n), np.zeros((n, n))
+        columns[np.tril_indices(n, -1)] = self.arrays["columns"]
+        squares[np.triu_indices(n)] = self.arrays["scatter"]
+        squares = squares + np.triu(squares, 1).T
+        root = columns.T * np.sqrt(self.arrays["d"])
+        shares, axes = np.linalg.eigh(root.T @ squares @ root)
+        root = root @ axes * np.sqrt(np.clip(shares, 0.0, 1.0))  # none is outside but by rounding
+        return root @ root.T
+
     @covariance.setter
     def covariance(self, value: np.ndarray) -> None:
         lower = np.linalg.cholesky(np.asarray(value, dtype=float)[::-1, ::-1])  # of the order reversed: upper
@@ -113,26 +145,35 @@ class Recursion:
         self.arrays["columns"][:] = (upper / size).T[np.tril_indices(len(size), -1)]
         self.arrays["d"][:] = size**2
         self.arrays["trace"][:] = np.sum(np.diag(value) / self.prior)
+        inverse = np.linalg.inv(upper)
+        self.arrays["scatter"][:] = (inverse.T @ inverse)[np.triu_indices(len(size))]
 
     def advance_many(self, y: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All rows in turn: errors, shape (n_samples, ny), and estimates, (n_samples, ny n)."""
+        """All rows in turn, up to one that is refused: errors, shape (n, ny), and estimates, (n, ny n_regressors)."""
         ny = len(self.y)
         samples, out = np.ascontiguousarray(np.hstack([y, u])), np.zeros((len(y), ny + self.theta.size))
         if self.compiled:
             pointers = self._state.ctypes.data, samples.ctypes.data, self.settings.ctypes.data
-            self._many(*pointers, len(y), out.ctypes.data)
+            out = out[: self._many(*pointers, len(y), out.ctypes.data)]
         else:
-            for sample, row in zip(samples, out, strict=True):
+            for k, sample in enumerate(samples):
                 self._sample[:] = sample
-                self.advance()
-                row[:] = self._state[: len(row)]
+                if self.advance():
+                    out = out[:k]
+                    break
+                out[k] = self._state[: out.shape[1]]
         return out[:, :ny], out[:, ny:]
 
     def _interpreted(self) -> int:
         """`advance` without a compiler."""
         if not np.isfinite(self._sample).all():
             return 1
-        self._run()
+        good = bool((np.abs(self._sample) <= LARGEST).all())
+        if good:
+            self._run()
+        if not (good and np.isfinite(self._next).all()):
+            self.arrays["filled"][:] = 0
+            return 2
         self._state[:] = self._next
         return 0
 
@@ -141,12 +182,13 @@ def _shapes(n: int, ny: int, nu: int, na: int, reach: int) -> dict[str, tuple[in
     """Of what the state holds; U without its diagonal."""
     shapes: dict[str, tuple[int, ...]] = {"error": (ny,), "theta": (ny, n), "noise": (ny, ny), "d": (n,)}
     shapes |= {"columns": (n * (n - 1) // 2,), "past_y": (na * ny,), "past_u": ((reach - 1) * nu,)}
+    shapes["scatter"] = (n * (n + 1) // 2,)  # S by rows of its upper half
     return shapes | {name: (1,) for name in ("filled", "updates", "trace", "weight")}
 
 
-def _source(function: ca.Function, n_out: int) -> str:
-    sizes = {"N_STATE": function.size1_in(0), "N_SAMPLE": function.size1_in(1), "N_OUT": n_out}
-    defined = [f"#define {name} {size}" for name, size in sizes.items()]
+def _source(function: ca.Function, n_out: int, filled: int) -> str:
+    sizes = {"N_STATE": function.size1_in(0), "N_SAMPLE": function.size1_in(1), "N_OUT": n_out, "FILLED": filled}
+    defined = [f"#define {name} {size}" for name, size in {**sizes, "LARGEST": LARGEST}.items()]
     return "\n".join([preamble("double"), emit(function, "advance"), *defined, _SOURCE])
 
 
@@ -162,9 +204,10 @@ def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional
     error = y - ca.mtimes(theta.T, phi)
     columns = ca.vertsplit(s["columns"], [j * (j - 1) // 2 for j in range(n + 1)])
     f = phi + ca.vertcat(*(ca.dot(c, phi[:j]) for j, c in enumerate(columns)))
-    r = before = ca.dot(s["d"], f**2)
+    r = raw = before = ca.dot(s["d"], f**2)
     go = ca.logic_and(ready, ca.logic_not(ca.logic_and(forgetting < 1, ca.logic_or(r < threshold, r == 0))))
     added, d, prior = ca.SX(1), s["d"], settings[5:]  # added: to the information along phi, by the sample
+    squares = ca.tril2symm(ca.SX(ca.Sparsity.lower(n), s["scatter"]))
     if directional:
         before, added = r / along, ca.if_else(forgetting < 1, 1 - (1 - along) / r, 1)
     else:  # the trace is summed anew: an error of it would grow with every division
@@ -172,7 +215,7 @@ def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional
         whole = ca.dot(d, ca.vertcat(*shares))
         fading = ca.if_else(ca.logic_and(go, whole / forgetting <= ceiling), forgetting, 1)
         trace, d, r = ca.if_else(go, whole / fading, trace), d / fading, r / fading
-        before = r
+        before, squares = r, fading**2 * squares
     gain = d * f
     for j, c in enumerate(columns):
         gain[:j] += c * gain[j]
@@ -185,16 +228,21 @@ def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional
         columns, d = _widened(columns, d, gain, share)
         stays = ca.logic_and(loses, ca.logic_not(fits))
         before, added = ca.if_else(stays, r, before), ca.if_else(stays, 1, added)
+    pushed = ca.mtimes(squares, gain)
+    scatters = ca.dot(gain, pushed)  # of the prediction, in the noise's variance: at most raw
     narrows = ca.logic_and(go, added > 0)
     columns, d, alpha = _narrowed(columns, d, ca.if_else(narrows, f, 0), ca.if_else(narrows, 1 / added, 1))
     trace -= ca.if_else(narrows, growth / alpha, 0)
     theta += ca.if_else(go, gain / (1 + added * r), 0) @ error.T
     tells = ca.logic_and(go, before <= DIFFUSE)
     weight = ca.if_else(tells, forgetting * s["weight"] + 1, s["weight"])
-    news = ca.vec(error @ error.T) / (1 + before) - s["noise"]
+    news = ca.vec(error @ error.T) / (1 + ca.if_else(forgetting < 1, ca.fmin(scatters, raw), raw)) - s["noise"]
+    lost = ca.if_else(go, 1 - added, 0)
+    squares -= lost * (phi @ pushed.T + pushed @ phi.T) - (lost**2 * scatters + go) * (phi @ phi.T)
     new = {"error": ca.if_else(ready, error, 0), "theta": ca.vec(theta), "trace": trace, "weight": weight, "d": d}
     new |= {"noise": s["noise"] + ca.if_else(tells, news / weight, 0), "columns": ca.vertcat(*columns)}
     new |= {"past_y": _newest(y, s["past_y"]), "past_u": _newest(u, s["past_u"])}
+    new["scatter"] = ca.vertcat(*(squares[j:, j] for j in range(n)))
     new |= {"filled": ca.fmin(s["filled"] + 1, memory), "updates": s["updates"] + go}
     after = ca.densify(ca.vertcat(*(new[name] for name in shapes)))
     return ca.Function("rls", [ca.vertcat(*s.values()), ca.vertcat(y, u), settings], [after], {"cse": True})
