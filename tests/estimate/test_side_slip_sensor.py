@@ -106,6 +106,30 @@ def test_it_is_silent_where_it_has_not_learned():
     assert np.isfinite(said[45:]).all()
 
 
+@pytest.mark.parametrize(
+    ("channel", "value"),
+    [("a_y", 15.0), ("a_y", 1e300), ("r", 3.0), ("r", -0.9), ("delta", 1.0), ("v_x", 200.0), ("v_x", np.nan)],
+)
+@pytest.mark.parametrize("dt", [0.05, 0.02])
+def test_one_implausible_sample_is_never_taken_at_its_word(channel, value, dt):
+    """Whatever is said within its memory is what is said without; all that it touches is not said."""
+    data = {seed: driven(seed, n=2500).resample(dt) for seed in (8, 9)}
+    learned = SENSOR.fit(data[8])
+    names = ("delta", "v_x", "r", "a_y")
+    table, first = data[9].columns(names).copy(), learned.look.first
+    k = next(k for k in range(300, 2000) if np.isfinite(learned(data[9])[k - 1 : k + 2 * first]).all())
+    table[k, names.index(channel)] = value
+    stream = learned.begin()
+    said = np.array([stream.take(dict(zip(names, row, strict=True))) for row in table[: k + 2 * first]])
+    with_it, without = said[k:], learned(data[9])[k : k + 2 * first]
+    known = np.isfinite(with_it)
+    assert not known[0]
+    assert np.array_equal(with_it[known], without[known])
+    held = first if channel != "a_y" else learned.look.lags * learned.look.spacing
+    assert not known[: held + 1].any()
+    assert known[held + 1 :].all()
+
+
 def test_a_filter_takes_it_for_a_measurement():
     """Of a car whose model is wrong by a third, side slip is better with it than without."""
     train, test = driven(10), driven(11)

@@ -14,6 +14,7 @@ from tests.estimate.test_side_slip_sensor import DT, SENSOR, driven
 from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
+EXACT = ("-std=c99", "-O1", "-ffp-contract=off")
 LEARNED = SENSOR.fit(driven(1))
 
 
@@ -57,11 +58,30 @@ def test_same_as_python(tmp_path):
     written(project_of(LEARNED, "car", 30), tmp_path)
     rows, text = replayed(channels(2, 3000))
     (tmp_path / "faulty.csv").write_text(text)
-    run("gcc", "-std=c99", "-O1", "-o", "program", "car.c", "main.c", "-lm", folder=tmp_path)
+    run("gcc", *EXACT, "-o", "program", "car.c", "main.c", "-lm", folder=tmp_path)
     silent = np.isnan(rows[:, -1])
     assert 0.05 < silent.mean() < 0.5
-    assert off(run("./program", "--v_y", folder=tmp_path, stdin=tmp_path / "faulty.csv"), rows) < 1e-10
+    assert off(run("./program", "--v_y", folder=tmp_path, stdin=tmp_path / "faulty.csv"), rows) == 0.0
     assert "3000 samples" in run("./program", folder=tmp_path, stdin=tmp_path / "faulty.csv")
+
+
+@needs_compiler
+def test_one_implausible_sample_silences_it_until_it_is_forgotten(tmp_path):
+    """In C and Python alike, whatever channel it is in."""
+    needs("gcc")
+    written(project_of(LEARNED, "car", 30), tmp_path)
+    run("gcc", *EXACT, "-o", "program", "car.c", "main.c", "-lm", folder=tmp_path)
+    table, first = driven(3, n=1000).columns(CHANNELS).copy(), LEARNED.look.first
+    rows, _ = replayed(table)
+    at = [k for k in range(200, 900, 90) if np.isfinite(rows[k - first : k + 2 * first, -1]).all()][:5]
+    for k, (channel, value) in zip(at, ((3, 15.0), (3, 100.0), (2, 3.0), (0, 1.0), (1, 90.0)), strict=True):
+        table[k, channel] = value
+    rows, text = replayed(table)
+    (tmp_path / "faulty.csv").write_text(text)
+    assert off(run("./program", "--v_y", folder=tmp_path, stdin=tmp_path / "faulty.csv"), rows) == 0.0
+    for k in at:
+        assert np.isnan(rows[k : k + first - LEARNED.look.turn + 1, -1]).all()
+        assert np.isfinite(rows[k + first + 1, -1])
 
 
 @needs_compiler

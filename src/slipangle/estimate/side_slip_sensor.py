@@ -10,11 +10,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Positive
+from slipangle.models.fast import bind
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import atan2, fabs, maximum
 
@@ -120,7 +122,7 @@ class SideSlipSensor(Checked):
 class _Look:
     """How rows of `CHANNELS` become regressors."""
 
-    limited = np.array([0, 4, 10, 11, 12])  # u, a_x, 1 / v_x, r, delta: what the sensor must have seen the like of
+    limited = np.array([0, 4, 10, 11, 12])  # u, a_x, 1 / v_x, r, delta: what the sensor must have learned the like of
 
     def __init__(self, settings: SideSlipSensor, dt: float) -> None:
         self.l_f, self.l_r, self.dt = settings.l_f, settings.wheelbase - settings.l_f, dt
@@ -146,17 +148,35 @@ class _Look:
 
     def at_last(self, table: Any) -> list[Any]:
         """Regressors of the last of ``first + 1`` samples; table[k] are channels of sample k, numbers or symbols."""
-
-        def forces(steps: int) -> tuple[Any, ...]:
-            """Rear and front lateral force over load, yaw rate and steering some time ago."""
-            (delta, _, r, a_y), sooner = table[self.first - steps], table[self.first - steps - self.turn][2]
-            r_dot = (r - sooner) / (self.turn * self.dt)
-            return (a_y - self.l_r * r_dot) / GRAVITY, (a_y + self.l_f * r_dot) / GRAVITY, r, delta
-
         v_x, sooner = table[self.first][1], table[self.first - self.gain][1]
         a_x = (v_x - sooner) / (self.gain * self.dt * GRAVITY)
-        past = [forces(k * self.spacing) for k in range(1, self.lags + 1)]
-        return _columns(forces(0), a_x, maximum(v_x, self.slowest) / 30.0, [(a, r, d) for a, _, r, d in past])
+        past = [self._forces(table, k * self.spacing) for k in range(1, self.lags + 1)]
+        return _columns(self._forces(table, 0), a_x, self._pace(v_x), [(a, r, d) for a, _, r, d in past])
+
+    def _forces(self, table: Any, steps: int) -> tuple[Any, ...]:
+        """Rear and front lateral force over load, yaw rate and steering so many samples ago."""
+        (delta, _, r, a_y), sooner = table[self.first - steps], table[self.first - steps - self.turn][2]
+        r_dot = (r - sooner) / (self.turn * self.dt)
+        return (a_y - self.l_r * r_dot) / GRAVITY, (a_y + self.l_f * r_dot) / GRAVITY, r, delta
+
+    def _pace(self, v_x: Any) -> Any:
+        return maximum(v_x, self.slowest) / 30.0
+
+    def must_be_known(self, table: Any) -> tuple[list[Any], list[int]]:
+        """What of ``first + 1`` samples must be like what was learned, and which of `limited` each is.
+
+        An implausible sample is looked for in all of them: as long as one is there, it may enter the regressors.
+        """
+        regressors = self.at_last(table)
+        values, which = [regressors[i] for i in self.limited], list(range(len(self.limited)))
+        for steps in range(1, self.first + 1):
+            delta, v_x, r, _ = table[self.first - steps]
+            values += [1.0 / self._pace(v_x), r, delta]
+            which += [2, 3, 4]
+            if steps <= self.lags * self.spacing:
+                values.append(self._forces(table, steps)[0])
+                which.append(0)
+        return values, which
 
 
 def _columns(now: Sequence[Any], a_x: Any, w: Any, before: Sequence[Sequence[Any]]) -> list[Any]:
@@ -207,11 +227,33 @@ class LearnedSideSlip:
         """How rows of channels become regressors."""
         return _Look(self.settings, self.dt)
 
+    @cached_property
+    def _said(self) -> tuple[ca.Function, list[int]]:
+        look, channels = self.look, len(CHANNELS)
+        samples = ca.SX.sym("samples", (look.first + 1) * channels)
+        rows = [[samples[k * channels + i] for i in range(channels)] for k in range(look.first + 1)]
+        off = ca.vertcat(*look.at_last(rows)) - ca.DM(self.centre)
+        angle = ca.dot(ca.DM(self.coefficients[:-1]), off) + float(self.coefficients[-1]) + look.turned(rows[-1])
+        values, which = look.must_be_known(rows)
+        told = ca.vertcat(angle, ca.tan(angle) * rows[-1][1])
+        return ca.Function("say", [samples], [told, ca.vertcat(*values)]), which
+
+    @property
+    def say(self) -> ca.Function:
+        """``(samples, oldest first) -> (side slip angle and lateral velocity, what must be between limits)``."""
+        return self._said[0]
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Between which the second result of `say` must be for the first to be said, shape (n, 2)."""
+        return self.span[self._said[1]]
+
     def __call__(self, data: Dataset) -> np.ndarray:
         """Lateral velocity of each sample, shape (n_samples,). [m/s]
 
-        NaN at the first samples of an experiment, where the car is slower than 1.25 wheelbases a second or a channel is
-        missing, and where force, speed, acceleration, yaw rate or steering are outside those it has learned in.
+        NaN at the first samples of an experiment, where the car is slower than 1.25 wheelbases a second, and as long as
+        a sample that it remembers lacks a channel, or has a force, speed, acceleration, yaw rate or steering outside
+        those it has learned in.
 
         Raises SampleTimeError or MissingColumnError if the data have another sample time or lack a channel.
         """
@@ -220,15 +262,16 @@ class LearnedSideSlip:
         return np.concatenate(parts)
 
     def _of(self, table: np.ndarray) -> np.ndarray:
-        look = self.look
-        v_y, X, rows = np.full(len(table), np.nan), look.regressors(table), table[look.first :]
-        if len(X):
-            low, high = self.span.T
-            with np.errstate(invalid="ignore"):
-                inside = ((X[:, look.limited] >= low) & (X[:, look.limited] <= high)).all(axis=1)
-            inside &= np.isfinite(X).all(axis=1) & (rows[:, 1] > look.slowest)
-            angle = _told(X[inside], self.coefficients, self.centre) + look.turning(rows[inside])
-            v_y[look.first :][inside] = np.tan(angle) * rows[inside, 1]
+        look, v_y = self.look, np.full(len(table), np.nan)
+        n = len(table) - look.first
+        if n > 0:
+            samples = np.hstack([table[k : n + k] for k in range(look.first + 1)])
+            told, seen = np.empty((n, 2)), np.empty((n, len(self.limits)))
+            bind(self.say if n == 1 else self.say.map(n), [samples], told, seen)()
+            low, high = self.limits.T
+            inside = ((seen >= low) & (seen <= high)).all(axis=1) & np.isfinite(told[:, 0])
+            inside &= table[look.first :, 1] > look.slowest
+            v_y[look.first :][inside] = told[inside, 1]
         return v_y
 
     def export(self, folder: str | Path, **settings: Any) -> Path:

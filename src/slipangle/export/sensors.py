@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
 from slipangle.codegen.expression import emit, preamble
@@ -32,16 +31,17 @@ def sensor_project(sensor: LearnedSideSlip, name: str, data: Dataset | int) -> P
     title = f"virtual sensor of lateral velocity, a sample every {dt:g} s"
     header = template("sensor.h").replace("@TITLE@", comment(title)).replace("@DT@", repr(dt))
     header = header.replace("@STD@", repr(float(sensor.std))).replace("@SLOWEST@", repr(float(look.slowest)))
+    header = header.replace("@NEEDED@", str(look.first + 1))
     lines = [f"#define {c} {i} /* {meaning(n)} */" for i, (n, c) in enumerate(constants("CAR_C", CHANNELS).items())]
     header = header.replace("@CHANNELS@", "\n".join(lines))
     parts = [
         "#include <string.h>",
         preamble("double"),
-        emit(_said(sensor), "say"),
-        table("LOWEST", sensor.span[:, 0]),
-        table("HIGHEST", sensor.span[:, 1]),
+        emit(sensor.say, "say"),
+        table("LOWEST", sensor.limits[:, 0]),
+        table("HIGHEST", sensor.limits[:, 1]),
         f"#define SLOWEST {number(look.slowest)}",
-        f"#define LIMITED {len(sensor.span)}",
+        f"#define LIMITED {len(sensor.limits)}",
         f"#define NEEDED {look.first + 1}",
         template("sensor.c"),
     ]
@@ -64,17 +64,6 @@ def sensor_project(sensor: LearnedSideSlip, name: str, data: Dataset | int) -> P
         readme="SENSOR.md",
         facts={"dt": dt, "drive": {"steps": len(rows)}},
     )
-
-
-def _said(sensor: LearnedSideSlip) -> ca.Function:
-    """``(samples, oldest first) -> (side slip angle, what the sensor must have seen the like of)``."""
-    look, channels = sensor.look, len(CHANNELS)
-    samples = ca.SX.sym("samples", (look.first + 1) * channels)
-    rows = [[samples[k * channels + i] for i in range(channels)] for k in range(look.first + 1)]
-    regressors = look.at_last(rows)
-    off = ca.vertcat(*regressors) - ca.DM(sensor.centre)
-    angle = ca.dot(ca.DM(sensor.coefficients[:-1]), off) + float(sensor.coefficients[-1]) + look.turned(rows[-1])
-    return ca.Function("say", [samples], [angle, ca.vertcat(*(regressors[i] for i in look.limited))])
 
 
 def replayed(sensor: LearnedSideSlip, data: Dataset | int) -> np.ndarray:

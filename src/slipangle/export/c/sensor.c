@@ -22,20 +22,19 @@ void car_restart(car_sensor *memory) { own(memory)->known = 0; }
 int car_update(car_sensor *memory, const double channels[CAR_CHANNELS], car_estimate *to)
 {
     Sensor *s = own(memory);
-    double angle, seen[LIMITED];
+    double told[2], seen[LIMITED];
     memmove(s->samples, s->samples + CAR_CHANNELS, sizeof(double) * (NEEDED - 1) * CAR_CHANNELS);
     memcpy(s->samples + (NEEDED - 1) * CAR_CHANNELS, channels, sizeof(double) * CAR_CHANNELS);
     s->known = s->known < NEEDED ? s->known + 1 : NEEDED;
     to->v_y = NAN, to->side_slip = NAN;
     if (s->known < NEEDED)
         return CAR_SILENT;
-    say(s->samples, &angle, seen);
-    int inside = fabs(angle) < INFINITY && channels[CAR_C_V_X] > SLOWEST;
+    say(s->samples, told, seen);
+    int inside = fabs(told[0]) < INFINITY && channels[CAR_C_V_X] > SLOWEST;
     for (int i = 0; i < LIMITED; i++)
         inside &= seen[i] >= LOWEST[i] && seen[i] <= HIGHEST[i];
     if (!inside)
         return CAR_SILENT;
-    to->side_slip = angle;
-    to->v_y = tan(angle) * channels[CAR_C_V_X];
+    to->side_slip = told[0], to->v_y = told[1];
     return CAR_OK;
 }

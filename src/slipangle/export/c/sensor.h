@@ -2,8 +2,9 @@
    Written by slipangle; SI units and radians, axes of ISO 8855.
 
    Takes in one sample at a time and tells the lateral velocity of the centre of gravity, learned from a log in which it was
-   measured. It says nothing, NaN, in the first samples, below @SLOWEST@ m/s, and where it has not learned. One struct holds
-   all memory; nothing is allocated, no file and no clock is read, and every loop is bounded. */
+   measured. It says nothing, NaN, in the first samples, below @SLOWEST@ m/s, and as long as one of the last @NEEDED@ samples lacks
+   a channel or is unlike those that it has learned from. One struct holds all memory; nothing is allocated, no file and no
+   clock is read, and every loop is bounded. */
 
 #ifndef CAR_H
 #define CAR_H
