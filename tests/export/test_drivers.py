@@ -258,6 +258,20 @@ def test_same_as_python_where_the_car_should_stop(tmp_path, monkeypatch):
     assert [r for r, before in zip(seen, [-1, *seen], strict=False) if r != before] == [0, 7, 0]
 
 
+@pytest.mark.parametrize(("east", "near"), [(0.0, True), (4e4, True), (5e5, False)])
+def test_single_precision_refuses_a_path_far_from_the_origin(east, near, tmp_path):
+    """As one in UTM coordinates, where neighbouring numbers are centimetres apart."""
+    path = Path.from_points(east + np.linspace(0.0, 160.0, 80), np.zeros(80)).with_speed(15.0)
+    whole = driver(path, horizon=6)
+    whole.export(tmp_path / "double", name="car", drive=2)
+    if near:
+        whole.export(tmp_path / "single", name="car", drive=2, precision="single")
+        return
+    with pytest.raises(ParameterError, match=r"up to 5e\+05 m from the origin, where numbers .* are 0\.031 m"):
+        whole.export(tmp_path / "single", name="car", drive=2, precision="single")
+    assert not (tmp_path / "single").exists()
+
+
 @needs_compiler
 def test_an_estimate_that_runs_away_starts_anew(tmp_path, monkeypatch):
     """Side slip of kilometres a second, from poses that are believed for want of a gate."""

@@ -28,7 +28,10 @@ needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler
 MODEL = ALL_MODELS["bicycle"]
 FLAGS = ("-ffast-math", "-Ofast", "-ffinite-math-only", "-D_M_FP_FAST")  # the last is what /fp:fast defines
 SAID = "This code tells what is missing by NaN: leave out -ffast-math"
-C99 = "assert complex ctype errno fenv inttypes locale math setjmp signal stdarg stddef stdio stdlib string time wchar wctype"
+C99 = (
+    "assert complex ctype errno fenv inttypes locale math setjmp signal stdarg stddef stdio stdlib string time wchar "
+    "wctype"
+)
 
 
 @pytest.mark.parametrize("given", [2.5, "a", None, True, 0, -1, np.float64(3.0), Recorder(STANLEY), [3]])

@@ -627,10 +627,49 @@ MUTANTS = [
         [
             (
                 "solver in C: limits that are missed are not looked for elsewhere",
-                "int ended = begin_at(s, 0);",
+                "int ended = begin_at(s, same ? ROLL_OUT : STAY);",
                 "int ended = INFEASIBLE;",
             )
         ],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
+        "optimal/test_agreement.py::test_an_obstacle_straight_ahead_is_passed",
+        [("solver in C: mirrored about where it is", "int same = most <= SETTLED * SCALE[j];", "int same = 0;")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
+        "optimal/realtime/test_unstable.py",
+        [
+            ("solver in C: a blurred optimum is one", "return left > BLURRED * cost;", "return 0;"),
+            ("solver in C: states may grow beyond rounding", "return !(most <= OUTGROWN);", "return 0;"),
+        ],
+    ),
+    *mistakes(
+        "optimal/stretched.py",
+        "optimal/test_stretched.py",
+        [("stretched steps: the finer ones are not", "substeps=FINER * model.substeps", "substeps=model.substeps")],
+    ),
+    *mistakes(
+        "control/watch.py",
+        "control/test_watch.py",
+        [
+            (
+                "watch: a yaw rate of the other sign agrees",
+                "if abs(between - self._turned) > APART * most + left:",
+                "if abs(abs(between) - turned) > APART * most + left:",
+            ),
+            (
+                "watch: farther is as near",
+                "self._nearest + self._far else RECEDING",
+                "self._nearest + 1e9 else RECEDING",
+            ),
+        ],
+    ),
+    *mistakes(
+        "export/models.py",
+        "export/test_models.py::test_nothing_is_made_of_what_is_no_number",
+        [("models in C: NaN is a number", "if (!(none == 0))", "if (none > 0)")],
     ),
     *mistakes(
         "optimal/realtime/solver.c",

@@ -19,7 +19,7 @@ from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
-from slipangle.export.precision import as_precision
+from slipangle.export.precision import as_precision, require_near
 from slipangle.export.project import write
 from slipangle.export.settings import place, require_budget, require_drive
 
@@ -71,13 +71,15 @@ def export(
     ConfigError
         If Valgrind or a compiler is missing, for the budget.
     ParameterError
-        If the thing has no C, or none in this precision, a setting is of another kind, or the name cannot be one there.
+        If the thing has no C, or none in this precision, or follows a path too far from the origin for that, a setting
+        is of another kind, or the name cannot be one there.
     WriteError
         If the folder is not empty or cannot be written.
     """
     place(folder, "folder")
     require_drive(drive)
     require_budget(budget)
+    require_near(thing, precision)
     project = as_precision(project_of(thing, checked(name) if name else "", drive), precision)
     if budget:
         project = replace(project, **with_budget(project, measured(project, budget)))

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +68,30 @@ def as_precision(project: Project, precision: str) -> Project:
             'operations: take precision="double"'
         )
     return _sized(replace(project, files={name: single(text) for name, text in project.files.items()}))
+
+
+_APART = 0.005  # m between neighbouring numbers of single precision, from which a place is too far from the origin
+
+
+def require_near(thing: Any, precision: str) -> None:
+    """Raise unless the path of what follows one lies where numbers of this precision tell places apart.
+
+    Raises
+    ------
+    ParameterError
+        With how far it is from the origin, and what to do.
+    """
+    path = getattr(thing, "path", None)
+    if precision != "single" or path is None:
+        return
+    far = max(float(np.abs(path.X).max()), float(np.abs(path.Y).max()))
+    apart = float(np.spacing(np.float32(far)))
+    if apart > _APART:
+        raise ParameterError(
+            f"the path is up to {far:.3g} m from the origin, where numbers of single precision are {apart:.2g} m "
+            f"apart; expected at most {_APART:g} m: subtract its start from the path and from what is measured, or "
+            'take precision="double"'
+        )
 
 
 def single(text: str) -> str:
