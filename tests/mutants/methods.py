@@ -642,7 +642,6 @@ MUTANTS = [
         "optimal/realtime/test_unstable.py",
         [
             ("solver in C: a blurred optimum is one", "return left > BLURRED * cost;", "return 0;"),
-            ("solver in C: states may grow beyond rounding", "return !(most <= OUTGROWN);", "return 0;"),
         ],
     ),
     *mistakes(

@@ -63,7 +63,7 @@ class RealTime(Checked):
     qp : {"auto", "condensed", "riccati"}
         How quadratic programs are solved; "auto" takes what is faster at each of them, and does not condense where
         states grow so much over the horizon, as those of a plant that is not stable, that little would be left of the
-        weights of inputs. Where all states are lost in rounding (1e15 times as large in the end), nothing is `SOLVED`.
+        weights of inputs. What its rounding leaves no optimum of is not `SOLVED`.
     hessian : {"gauss-newton", "exact"}
         Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
         the multipliers of the step before: all of them where they are positive on what the held limits leave free,

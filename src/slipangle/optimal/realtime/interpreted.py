@@ -18,7 +18,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
-from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, outgrown, reach_of, units
+from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, reach_of, units
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -698,7 +698,7 @@ class WorkArea(Engine):
             least_step = min(least_step, size) if flat else least_step
             may_rise = missed > 1e-6 and price < dearest  # of the price: the last digits are not worth their steps
             last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
-            hazy = last and (blurred(H, np.diag(self._quadratic), step, self._half_cost(m.e, u)) or outgrown(m.A))
+            hazy = last and blurred(H, np.diag(self._quadratic), step, self._half_cost(m.e, u))
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
             k = self._k.copy()

@@ -50,7 +50,7 @@ def moves_on(x: np.ndarray, states: np.ndarray) -> bool:
     return bool(ahead <= here)
 
 
-BLURRED, OUTGROWN = 1e-9, 1e15  # as in solver.c
+BLURRED = 1e-9  # as in solver.c
 FACTORED = 1e-12  # of the largest curvature, added to each so that there is a factor
 
 
@@ -60,12 +60,3 @@ def blurred(H: np.ndarray, weights: np.ndarray, step: np.ndarray, cost: float) -
     own, push = np.where(weights > 0, weights, curvature), FACTORED * curvature.max() * np.abs(step)
     some = (own > 0) & (push > BLURRED * own)
     return float((push[some] ** 2 / own[some]).sum()) > BLURRED * cost
-
-
-def outgrown(A: np.ndarray) -> bool:
-    """Whether states grow so, by ``A`` of shape (steps, n_states, n_states), that no digit of the first is left."""
-    whole = np.eye(A.shape[1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        for step in A:
-            whole = step @ whole
-    return not np.abs(whole).max() <= OUTGROWN

@@ -875,29 +875,6 @@ static int solve_qp(Work *s, int warm)
 }
 
 #define BLURRED 1e-9   /* of half an input's range, and of the cost, that may be left */
-#define OUTGROWN 1e15 /* growth of states over the horizon beyond which no digit of the first ones is left in the last */
-
-/* Whether states grow so over the horizon that no sum of its stages can be trusted. */
-static int outgrown(const Work *s)
-{
-    double now[NX * NX] = {0}, later[NX * NX], most = 0;
-    for (int a = 0; a < NX; a++)
-        now[a * NX + a] = 1;
-    for (int m = 0; m < NS; m++) {
-        const double *A = s->A + m * NX * NX;
-        for (int a = 0; a < NX; a++)
-            for (int b = 0; b < NX; b++) {
-                double sum = 0;
-                for (int c = 0; c < NX; c++)
-                    sum += A[a * NX + c] * now[c * NX + b];
-                later[a * NX + b] = sum;
-            }
-        memcpy(now, later, sizeof now);
-    }
-    for (int a = 0; a < NX * NX; a++)
-        most = larger(fabs(now[a]), most);
-    return !(most <= OUTGROWN);
-}
 
 /* Whether a condensed program whose step is all but none may leave cost: what was added to the curvature so that there is
    a factor is more than the weights of the inputs, as where states grow much over the horizon. */
@@ -1138,7 +1115,6 @@ static int converge(Work *s, int64_t most, int loose)
         if (hazy && !s->unstable)
             s->unstable = 1, hazy = last = idle = 0;
 #endif
-        hazy |= last && outgrown(s);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
