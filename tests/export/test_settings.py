@@ -127,9 +127,9 @@ def test_flags_without_nan_are_an_error_in_every_file(kind, tmp_path):
             files = {n.rpartition("/")[2]: archive.read(n).decode() for n in archive.namelist()}
     for name, text in files.items():
         (tmp_path / name).write_text(text)
-    compiled = [n for n in files if n.endswith((".c", ".cpp"))]
-    assert compiled
-    for name in compiled:
+    statements = [n for n in files if n.endswith((".c", ".cpp", "_block.h"))]
+    assert statements
+    for name in statements:
         for flags in (("-O2",), *((flag,) for flag in FLAGS)):
             command = ["gcc", *flags, "-E", "-x", "c", name, "-o", "it.i"]
             said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -68,11 +68,11 @@ def template(name: str) -> str:
 
 
 def guarded(name: str, text: str) -> str:
-    """A file of a project; in front of what is compiled stands what a compiler's flags may not be.
+    """A file of a project; in front of what has statements stands what a compiler's flags may not be.
 
     Flags for numbers that are all finite take out every test for NaN, which is how the code tells what is missing.
     """
-    return template("finite_math.h") + text if name.endswith((".c", ".cpp")) else text
+    return template("finite_math.h") + text if name.endswith((".c", ".cpp", "_block.h")) else text
 
 
 def replay(name: str) -> str:
