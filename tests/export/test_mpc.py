@@ -138,6 +138,17 @@ def test_the_caller_bounds_iterations_and_brings_the_clock():
     assert out.health.overruns == 1
     assert out.seconds == pytest.approx(1e-3 * (len(ticks) - 1))
     assert abs(out.command[0]) <= 0.05
+    for none_left in (-1.0, np.nan, -np.inf, 1e-9):
+        exported.start()
+        exported.limit(0, none_left, ctypes.cast(clock, ctypes.c_void_p))
+        for k in (1, 2):
+            out = exported.plan(far, reference)
+            assert (out.status, out.age, out.health.overruns) == (4, k, k), none_left
+            assert abs(out.command[0]) <= 0.05 * k
+    for any_time in (0.0, np.inf):
+        exported.limit(0, any_time, ctypes.cast(clock, ctypes.c_void_p))
+        out = exported.plan(far, reference)
+        assert (out.status in (0, 1), out.age, out.health.overruns) == (True, 0, 2)
 
 
 @needs_compiler

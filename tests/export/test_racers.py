@@ -125,12 +125,41 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(tmp_path, monkeypatc
     assert {None, 0, *range(1, 7)} <= beside.ages
     assert beside.made.step([math.nan] * 7, 1.0)[0] == 3
     assert beside.made.step([math.nan] * 7, math.nan)[0] == 3
+    for wrong in (1.0, math.nan):
+        with pytest.raises(ParameterError, match="expected finite times"):
+            whole.step({}, wrong)
     whole.reset()
     beside.made.start()
     lap = first_lap()
     for k in range(12):
         told = {"X": lap.X[0], "Y": lap.Y[0] + 1e-3 * k, "psi": lap.psi[0] + 1e-4 * k, "v_x": 10.0 + 0.1 * k}
         beside.step(told, 0.01 * k)
+
+
+@needs_compiler
+def test_times_that_are_none_and_gaps_count_alike(tmp_path, monkeypatch):
+    """What C refuses Python does too, and both go on as if there had been no call; gaps and equal times are taken."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    whole = racer(horizon=6)
+    made, rng = LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path), np.random.default_rng(4)
+    lap, t, refused = first_lap(), 1.79e9, 0
+    for k in range(240):
+        at = k // 3 % len(lap.s)
+        told = [lap.X[at], lap.Y[at], lap.psi[at], lap.v_x[at], lap.r[at], 0.0, 0.0] + 1e-3 * rng.normal(size=7)
+        now = t + 0.01 * k
+        if k % 5 == 4:
+            now = float(rng.choice([math.nan, math.inf, -math.inf, 2e10, now - 0.5, now, now + 0.3]))
+        code, out, plan = made.step(told.tolist(), now)
+        try:
+            said = whole.step(dict(zip(SEEN, told.tolist(), strict=True)), now)
+        except ParameterError:
+            assert code == 3
+            refused += 1
+        else:
+            assert code == 0
+            assert alike(out, plan, said, estimating(whole)), (k, now, said.message)
+            t = max(t, now - 0.01 * k)
+    assert 20 < refused < 45
 
 
 @needs_compiler

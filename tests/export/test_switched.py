@@ -1,5 +1,7 @@
 """An exported switched controller takes turns as the one in Python does, and its parts decide the same."""
 
+import ctypes
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -41,8 +43,6 @@ class LoadedParts(Loaded):
         return sum(n["BYTES"] for n in sizes) + 1_000_000
 
     def compiled(self, files, flags):
-        import ctypes
-
         for name, text in files.items():
             (self.folder / name).write_text(text)
         sources = ("car.c", "car_calm.c", "car_limit.c")
@@ -95,6 +95,13 @@ def test_takes_turns_as_python_does_whatever_happens(kind, tmp_path, monkeypatch
             assert part == pytest.approx(previous.x, rel=1e-8, abs=1e-8)
             assert np.isnan(np.array(out.x)).sum() == len(out.x[0]) * 11 - previous.x.size
         seen.add((before, previous.active, previous.age > 0))
+    if kind == "two MPCs":
+        clock = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p)(lambda of: next(ticks))
+        ticks, counted = itertools.count(), exported.plan(np.zeros(len(states)), bend(0.0)).health.overruns
+        for seconds, overruns in ((-1.0, 1), (np.nan, 2), (0.0, 2)):
+            exported.limit(0, seconds, ctypes.cast(clock, ctypes.c_void_p))
+            out = exported.plan(np.zeros(len(states)), bend(0.0))
+            assert (out.status == 4, out.health.overruns - counted) == (seconds != 0.0, overruns)
     assert {(0, 0, False), (0, 1, False), (1, 1, False), (1, 0, False), (0, 1, True)} <= seen
 
 

@@ -8,9 +8,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from slipangle.errors import ParameterError
 from slipangle.optimal.solution import NEW, Health, Plan, Status
 from slipangle.paths.path import Path
 
+LATEST = 1e10  # s, which Unix time is well below
+TOGETHER = 1e-9  # s between calls that count as at the same time
 HINDERED = ("", "the speed is not known", "the car stands or creeps", "the pose is not known")
 STAY = "the wheels stay where they are"
 UNSURE = (  # why a car that moves should stop, in the order of the reasons after those above
@@ -23,6 +26,18 @@ UNSURE = (  # why a car that moves should stop, in the order of the reasons afte
     "the car is far beside the path and gets ever farther, it should stop",
     "the car is far beside the path",  # the last one says no more than that
 )
+
+
+def require_time(t: float, before: float | None) -> float:
+    """The time of a call. [s]
+
+    Raises ParameterError unless it is finite, at most `LATEST` and not before that of the call ``before``, if any.
+    """
+    t = float(t)
+    if not abs(t) <= LATEST or (before is not None and t < before - TOGETHER):
+        after = "" if before is None else f" after {before:g} s"
+        raise ParameterError(f"t is {t:g} s{after}; expected finite times, at most {LATEST:g} s, that do not go back")
+    return t
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

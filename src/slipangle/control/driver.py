@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands
+from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands, require_time
 from slipangle.control.default_drive import (
     DOUBTED,
     TRUSTED,
@@ -185,7 +185,7 @@ class Driver(Brief):
     def step(self, measurements: Mapping[str, float], t: float) -> Commands:
         """Take in what was measured and say what to do.
 
-        Raises ParameterError if the time is not finite or goes back; no measurement is an error.
+        Raises ParameterError if the time is not finite, beyond 1e10 s, or goes back; no measurement is an error.
 
         Parameters
         ----------
@@ -200,9 +200,7 @@ class Driver(Brief):
         Commands
             Those of the last plan, if no new one is due.
         """
-        t = float(t)
-        if not math.isfinite(t) or (self._last is not None and t < self._now - 1e-9):
-            raise ParameterError(f"t is {t:g} s after {self._now:g} s; expected finite times that do not go back")
+        t = require_time(t, None if self._last is None else self._now)
         if self._last is None:
             self._t0 = t
         self._now = t

@@ -82,7 +82,7 @@ class BuiltDriver:
     def step(self, measurements: Mapping[str, float], t: float) -> Commands:
         """As `slipangle.control.driver.Driver.step`.
 
-        Raises ParameterError if the time is not finite, beyond 1e9 s, or goes back; no measurement is an error.
+        Raises ParameterError if the time is not finite, beyond 1e10 s, or goes back; no measurement is an error.
 
         Parameters
         ----------

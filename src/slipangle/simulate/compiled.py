@@ -131,7 +131,7 @@ class CompiledLoop:
                 self._streams[at].error, self._streams[at].lost = error.ctypes.data, lost.ctypes.data
             code = self._run(ctypes.addressof(loop), CHUNK)
             if code >= len(ENDS):
-                raise ParameterError(f"the driver refuses the time after {times[-1:]} s; expected one below 1e9 s")
+                raise ParameterError(f"the driver refuses the time after {times[-1:]} s; expected one below 1e10 s")
             table = self._arrays["rows"][: loop.n_rows].copy()
             rows.append(table)
             for k in range(loop.n_plans):
@@ -253,7 +253,7 @@ class Crew:
         seconds = np.ascontiguousarray(drives, dtype=float)
         sizes = (memory.strides[0], told.ctypes.data, told.shape[1], said.ctypes.data, said.itemsize)
         if self._ask(self._called.decide, memory.ctypes.data, *sizes, seconds.ctypes.data, len(said)):
-            raise ParameterError(f"the driver refuses the time {t:g} s; expected one below 1e9 s")
+            raise ParameterError(f"the driver refuses the time {t:g} s; expected one below 1e10 s")
         return said, seconds
 
 

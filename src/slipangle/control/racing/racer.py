@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, STAY, Commands
+from slipangle.control.commands import HINDERED, STAY, Commands, require_time
 from slipangle.control.racing.actuators import Actuators
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
@@ -185,7 +185,7 @@ class Racer(Brief):
         self._follow(self.first)
         self.sensing.reset()
         self._plan: Plan | None = None
-        self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
+        self._tick, self._now, self._turns, self._s, self._begun = -1, 0.0, 0, math.nan, math.nan
         self._actuators = Actuators(self.car, self.pedals, sample=self.sample, **self._late)
         self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
@@ -237,21 +237,26 @@ class Racer(Brief):
     def step(self, measurements: Mapping[str, float], t: float) -> Commands:
         """Take in what was measured and say what to do.
 
+        Raises ParameterError if the time is not finite, beyond 1e10 s, or goes back; no measurement is an error. The
+        next call is then as if there had been none.
+
         Parameters
         ----------
         measurements : mapping of str to float
             X, Y, psi, v_x, r, a_x, a_y, SI units; missing ones and NaN are not measured now.
         t : float
-            Time of the call, ``sample`` after the one before. [s]
+            Time of the call, ``sample`` after the one before: each call is one sample of the filter, however long it
+            took. [s]
 
         Returns
         -------
         Commands
             Steering angle of the road wheels [rad], throttle and brake. [0 to 1]
         """
+        self._now = require_time(t, None if self._tick < 0 else self._now)
         self._tick += 1
         acting = self._actuators
-        if not self.sensing.take(measurements, {"delta": acting.steered, "F_x": acting.force}, t):
+        if not self.sensing.take(measurements, {"delta": acting.steered, "F_x": acting.force}, self._now):
             self._plan = None
             return self._waiting()
         x, (grip, grip_std) = self.sensing.known.state, self.sensing.grip
@@ -260,7 +265,7 @@ class Racer(Brief):
         self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
         for name, value in zip(self._beyond, x[6:8].tolist(), strict=True):
             self._beyond[name] += self.sample / self._settling * (value - self._beyond[name])
-        self.sectors.see(s, t, self._beside(s, e_y))
+        self.sectors.see(s, self._now, self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi, here = math.remainder(float(x[2]) - heading, 2 * math.pi), self.learned.here(grip)
@@ -278,7 +283,7 @@ class Racer(Brief):
             e_y=e_y,
             state=x,
             state_std=self.sensing.known.state_std,
-            age=self.sensing.age(t),
+            age=self.sensing.age(self._now),
             restarts=self.sensing.restarts,
         )
 

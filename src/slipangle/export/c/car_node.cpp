@@ -52,12 +52,18 @@ class CarNode : public rclcpp::Node {
             in_.fill(NAN);
         car_block_step(&block_, now().seconds() - begun_, in_.data(), out_.data.data());
         publisher_->publish(out_);
+#ifdef CAR_BLOCK_CLOCK_SET
+        if (CAR_BLOCK_CLOCK_SET(&block_) != clock_set_)
+            RCLCPP_WARN(get_logger(), "the clock was set; the time of one step is taken to have passed");
+        clock_set_ = CAR_BLOCK_CLOCK_SET(&block_);
+#endif
     }
 
     car_block block_{};
     std::array<car_signal, CAR_BLOCK_INPUTS + 1> in_{};
     Message out_;
     int age_ = 0;
+    int64_t clock_set_ = 0;
     const car_signal begun_ = now().seconds();
     rclcpp::Publisher<Message>::SharedPtr publisher_;
     rclcpp::Subscription<Message>::SharedPtr subscription_;

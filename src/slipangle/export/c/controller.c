@@ -44,7 +44,7 @@ void car_deadline(car_controller *memory, int iterations, car_seconds seconds, c
 {
     Controller *c = own(memory);
     c->around.clock = clock, c->around.clock_of = of;
-    c->around.seconds = clock && seconds > 0 ? (double)seconds : INFINITY;
+    c->around.seconds = !clock || (seconds >= 0 && seconds <= 0) ? INFINITY : seconds > 0 ? (double)seconds : 0;
     set_bound(c, iterations);
 }
 

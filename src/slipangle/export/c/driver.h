@@ -31,7 +31,7 @@ typedef double car_seconds; /* of a clock */
 @OUTPUTS@
 
 typedef struct {
-    car_seconds t;              /* time of the call, at most 1e9 [s] */
+    car_seconds t;              /* time of the call, at most 1e10, which Unix time is [s] */
     double value[CAR_CHANNELS]; /* NaN: not measured now; what reads exactly as before is not new either */
 } car_measurements;
 
@@ -76,11 +76,11 @@ enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME };
    drive. */
 int car_start(car_driver *driver, size_t bytes);
 
-/* Bounds the work of a plan, as car_planner_deadline does. */
+/* Bounds the work of a plan, as car_planner_deadline does; car_start forgets it: call this after it. */
 void car_deadline(car_driver *driver, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
-/* Takes in what was measured and says what to do; CAR_WRONG_TIME, with the commands as they were, where time is no number
-   or goes back. */
+/* Takes in what was measured and says what to do; CAR_WRONG_TIME, with the commands as they were, where time is no number,
+   beyond 1e10 s or before that of the last call: these are old then, and the vehicle should stop. */
 int car_step(car_driver *driver, const car_measurements *measured, car_commands *commands);
 
 /* The last plan; all zero before the first. */

@@ -1,7 +1,7 @@
 /* What drivers and racers do alike with their memory, the planner's clock, a state and the path. */
 
 #define WINDOW 15 /* m around the last place on the path, in which the next one is looked for */
-#define LATEST ((car_seconds)1e9)
+#define LATEST ((car_seconds)1e10)
 #define TOGETHER ((car_seconds)1e-9)
 
 typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];

@@ -26,7 +26,7 @@ static int set_up(Controller *c)
 static void set_bound(Controller *c, int iterations)
 {
     Around *a = &c->around;
-    double seconds = a->seconds < INFINITY ? a->seconds : 0;
+    double seconds = a->seconds > 0 ? a->seconds < INFINITY ? a->seconds : 0 : -1;
     car_calm_deadline(&whole(c)->calm, iterations, (car_seconds)seconds, a->clock, a->clock_of);
     car_limit_deadline(&whole(c)->limit, iterations, (car_seconds)seconds, a->clock, a->clock_of);
 }
