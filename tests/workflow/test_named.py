@@ -9,10 +9,12 @@ import pytest
 
 import slipangle as sa
 from slipangle.cli import main
+from slipangle.errors import ConfigError
 from slipangle.workflow.drive import CONTROLLERS, ESTIMATORS, PLANTS
 from slipangle.workflow.entries import Made
 from slipangle.workflow.kinds import FITS, KINDS, Adapted, as_physics
 from slipangle.workflow.reference import records_in, tables
+from slipangle.workflow.settings import read_settings
 from tests.workflow.test_cli import write_job
 from tests.workflow.test_jobs import noisy
 
@@ -256,6 +258,19 @@ def test_kinds_that_do_not_suit_get_a_sentence(tmp_path, capsys):
         job = write_job(tmp_path, more=f"[controller]\nmodel = 'bicycle'\n{more}")
         assert main(["run", str(job), "--out", str(tmp_path / "out")]) == 2
         assert said in capsys.readouterr().err
+    job = write_job(tmp_path, more="[plant]\ncatalogue = 'bmw-320i'")
+    with pytest.raises(ConfigError, match=r"\[plant\] catalogue is 'bmw-320i'; .*'sousa-table-6.1'"):
+        read_settings(job)
+    black = "[[model]]\nname = 'a'\nkind = 'arx'\nna = 2\nnb = 2\n[controller]\nmodel = 'a'\n"
+    for more, said in {
+        "": "has no catalogue name and the controller's model is no bicycle",
+        "[plant]\ntire = 'a.tir'": "has tires and no car to put them on",
+        "kind = 'stanley'\n[plant]\ncatalogue = 'sousa-table-6.1'": "needs mass, geometry and cornering stiffness",
+        "kind = 'driver'\nlaw = 'stanley'\n[plant]\ncatalogue = 'sousa-table-6.1'": "needs mass, geometry",
+    }.items():
+        with pytest.raises(ConfigError, match=said):  # no file is read, and nothing is fitted
+            read_settings(write_job(tmp_path, more=black + more))
+    read_settings(write_job(tmp_path, more=f"{black}[plant]\ncatalogue = 'sousa-table-6.1'"))
     arx = "[[model]]\nname = 'a'\nkind = 'arx'\nna = 2\nnb = 2\n[controller]\nmodel = 'a'\nkind = 'stanley'"
     arx += "\n[plant]\ncatalogue = 'sousa-table-6.1'"
     assert main(["run", str(write_job(tmp_path, rows=noisy(240), more=arx)), "--out", str(tmp_path / "out")]) == 2

@@ -227,12 +227,22 @@ def _follower(law: type[PathFollower]) -> Made:
 def _law_of(law: type[PathFollower], model: Model, wanted: ControllerSettings, **entries: Any) -> PathFollower:
     params = identified_bicycle(model)
     if params is None:
-        raise ConfigError(
-            f'[controller] kind = "{wanted.kind}" needs mass, geometry and cornering stiffness, and the model '
-            f'\'{wanted.model}\' has none; expected one such as kind = "car" or "bicycle": name another model'
-        )
+        raise _needs_car(wanted)
     at = params.at_speed(wanted.v_x)
     return law(params=at, dt=wanted.dt, limit=deg(wanted.delta_max), rate=deg(wanted.delta_rate_max), **entries)
+
+
+def _needs_car(wanted: ControllerSettings) -> ConfigError:
+    return ConfigError(
+        f'[controller] kind = "{wanted.kind}" needs mass, geometry and cornering stiffness, and the model '
+        f'\'{wanted.model}\' has none; expected one such as kind = "car" or "bicycle": name another model'
+    )
+
+
+def require_no_law(wanted: ControllerSettings) -> None:
+    """Raise ConfigError if the controller is a path follower or holds one, which needs a model of a car."""
+    if wanted.kind in _LAWS or (wanted.kind == "driver" and wanted.entries.get("law", "mpc") != "mpc"):
+        raise _needs_car(wanted)
 
 
 _LAWS: dict[str, type[PathFollower]] = {

@@ -33,7 +33,7 @@ from slipangle.simulate.process import PlantProcess
 from slipangle.simulate.robust import UNMOVED
 from slipangle.simulate.run import Run
 from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
-from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path
+from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path, require_no_law
 from slipangle.workflow.controllers import build_mpc as build_mpc
 from slipangle.workflow.controllers import identified_bicycle as identified_bicycle
 from slipangle.workflow.entries import Seed, Weight, Within, of_kind, record
@@ -88,6 +88,11 @@ class PlantSettings:
     noise: dict[str, Weight] = field(default_factory=dict)
     seed: Seed = 0
     entries: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.catalogue and self.catalogue not in _PLANTS:
+            near = nearest(self.catalogue[:60], _PLANTS)
+            raise ConfigError(f"[plant] catalogue is {shown(self.catalogue)}; {near}: use one of these")
 
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
@@ -205,10 +210,6 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
     """
     if wanted.kind:
         return _foreign(wanted)
-    if wanted.catalogue and wanted.catalogue not in _PLANTS:
-        raise ConfigError(
-            f"[plant] catalogue is '{wanted.catalogue}'; {nearest(wanted.catalogue, _PLANTS)}: use one of these"
-        )
     noise = Values(**{**NOISE, **wanted.noise})
     delay, lag = (Values() if wanted.catalogue else late(model, name) for name in ("delay_delta", "steering_lag"))
     if own := plant_tires(wanted, model):
@@ -229,9 +230,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         if getattr(identified, "locked_half_track", 0.0):
             text += ", but with wheels that turn by themselves where its rear ones turn as one"
     else:
-        raise ConfigError(
-            "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"
-        )
+        raise _no_car(wanted)
     car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
     reach = 0.8 * params.mass * GRAVITY * params.radius
     driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
@@ -261,11 +260,27 @@ def plant_chassis(wanted: PlantSettings, model: Model) -> ChassisParams:
         return _PLANTS[wanted.catalogue][0]
     known = identified_bicycle(model)
     if known is None:
-        raise ConfigError(
+        raise _no_car(wanted)
+    return known
+
+
+def require_car(wanted: ControllerSettings, plant: PlantSettings) -> None:
+    """Where the controller's model holds no car, which is known before it is fitted: what else needs one.
+
+    Raises ConfigError if the plant or the controller would be made of it.
+    """
+    if not plant.kind and not plant.catalogue:
+        raise _no_car(plant)
+    require_no_law(wanted)
+
+
+def _no_car(wanted: PlantSettings) -> ConfigError:
+    if wanted.tire or wanted.tire_f or wanted.tire_r:
+        return ConfigError(
             "[plant] has tires and no car to put them on, since the controller's model is no bicycle; expected one or "
             "the other: add a catalogue name, or control a bicycle"
         )
-    return known
+    return ConfigError("[plant] has no catalogue name and the controller's model is no bicycle; expected one of both")
 
 
 def catalogued(name: str) -> tuple[BicycleParams, float]:

@@ -175,12 +175,14 @@ KINDS.register("saturating-bicycle")(Physics(model=SaturatingBicycle, free=_SATU
 KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURATING, "relaxation_f", "relaxation_r")))
 
 KINDS.register("car")(WholeCar)
-for _estimator in (
+_BLACK: tuple[Any, ...] = (
     *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, TransferFunction, RLS, Subspace, PEM),
     *(StateSpace, Lure, NARX, FreeRunNARX, Hybrid, Joint),
-):
+)
+for _estimator in _BLACK:
     KINDS.register(called(_estimator))(_estimator)
 KINDS.register("neural-state-space")(NeuralStateSpace)
+CARLESS = (*_BLACK, NeuralStateSpace)  # kinds whose models hold no mass, geometry and cornering stiffness
 KINDS.register("tire-bicycle")(TireBicycleFit)
 
 

@@ -12,9 +12,9 @@ from slipangle.data.clock import JITTER
 from slipangle.data.readers.column import Column
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
-from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings
+from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings, require_car
 from slipangle.workflow.entries import Within, common, record
-from slipangle.workflow.kinds import check_entries, named_logs, needed
+from slipangle.workflow.kinds import CARLESS, KINDS, check_entries, named_logs, needed
 from slipangle.workflow.lap_settings import LapSettings
 from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.tires import TIRES, located
@@ -346,8 +346,16 @@ def _check(settings: Settings, where: str) -> None:
             f"{where}: out is {shown(settings.out)}; expected a folder below the one that the job is run in: name any "
             "other on the command line, with --out"
         )
-    if settings.controller is not None and settings.controller.model not in names:
-        wanted = settings.controller.model
+    _check_controller(settings, names, where)
+
+
+def _check_controller(settings: Settings, names: list[str], where: str) -> None:
+    if settings.controller is None:
+        return
+    wanted = settings.controller.model
+    if wanted not in names:
         raise ConfigError(
             f"{where}: [controller] uses the model {shown(wanted)}; {nearest(wanted, names)}: use one of these names"
         )
+    if KINDS[settings.model[names.index(wanted)].kind] in CARLESS:
+        require_car(settings.controller, settings.plant)

@@ -240,10 +240,29 @@ def test_a_fold_without_motion_fails_alone():
     assert result.error == np.inf
 
 
-@pytest.mark.parametrize("folds", [None, 1, 500])
+@pytest.mark.parametrize("folds", [None, 1, 500, "a", 2.5, np.nan, True, [3]])
 def test_too_few_folds(folds):
     with pytest.raises(ParameterError, match="expected"):
         cross_validate(Spy(), made(200), folds=folds)
+
+
+@pytest.mark.filterwarnings("error")
+def test_no_more_folds_than_a_free_run_has_room_for():
+    """Every stretch has two samples after those that the model begins with; or it is said how many there may be."""
+    data, taken = made(200), TRUE.memory
+    most = 200 // (taken + 2)
+    result = cross_validate(Spy(), data, folds=np.int64(most))
+    assert len(result.folds) == most
+    assert all(fold.scores or fold.failure for fold in result.folds)
+    for folds in (most + 1, 100):
+        with pytest.raises(ParameterError, match=f"folds is {folds}, and a model takes {taken} .*at most {most}:"):
+            cross_validate(Spy(), data, folds=folds)
+    short = replace(data, starts=(0, 100, 200 - taken), start_times=(0.0, 1e3, 2e3))
+    fold = cross_validate(Spy(), short).folds[2]
+    assert f"its longest experiment has {taken} samples" in fold.failure
+    failed = replace(result, folds=(fold, fold))
+    assert str(failed).count("nan") == 0
+    assert "2 folds, all failed: its longest experiment" in str(failed)
 
 
 def test_cross_validated_order_of_the_true_system():

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from numbers import Integral
 from typing import Protocol
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import MissingColumnError, ParameterError, SimulationError, SlipangleError
+from slipangle.errors import MissingColumnError, ParameterError, SimulationError, SlipangleError, shown
 from slipangle.identify.judge.initial import Start, free_run
 from slipangle.identify.judge.validate import Score, require_unseen, score
 from slipangle.identify.networks.training import Progress
 from slipangle.models.model import Model, Trajectory
 from slipangle.shown import Shown
 
+_FEWEST = 2  # samples of a free run that can be judged
 HORIZONS = (1, 2, 5, 10, 20, 50, 100)
 
 
@@ -247,6 +249,8 @@ class CrossValidation(Shown):
 
     def _words(self) -> str:
         outputs = self.folds[0].model.outputs
+        if not any(fold.scores for fold in self.folds):
+            return f"{len(self.folds)} folds, all failed: {self.folds[0].failure}"
         means = ", ".join(f"{np.nanmean(self.fit(n)):.1f} % of {n}" for n in outputs)
         return f"{len(self.folds)} folds, on average {means}"
 
@@ -265,7 +269,7 @@ def cross_validate(
 ) -> CrossValidation:
     """Fit to all experiments but some, judge the free run on those, in turn.
 
-    Raises ParameterError if there are fewer than two folds.
+    Raises ParameterError if there are fewer than two folds, or too many for what a model takes to begin its free run.
 
     Parameters
     ----------
@@ -284,6 +288,12 @@ def cross_validate(
             progress(i / len(edges), f"fold {i + 1} of {len(edges)}")
         rest = [data.rows(*rows) for rows in ((0, a), (b, data.n_samples)) if rows[0] < rows[1]]
         results.append(_fold(estimator, join(*rest), data.rows(a, b)))
+        taken = results[-1].model.memory
+        if folds is not None and min(stop - start for start, stop in edges) < taken + _FEWEST:
+            raise ParameterError(
+                f"folds is {folds}, and a model takes {taken} samples to begin its free run; expected at most "
+                f"{data.n_samples // (taken + _FEWEST)}: stretches of at least {taken + _FEWEST} samples"
+            )
     if progress is not None:
         progress(1.0, "done")
     return CrossValidation(folds=tuple(results))
@@ -297,9 +307,10 @@ def _edges(data: Dataset, folds: int | None) -> list[tuple[int, int]]:
                 f"'{data.name}' is one experiment; expected several to leave out in turn: pass folds=5 to cut it"
             )
         return list(zip(data.starts, data.stops, strict=True))
-    if not 2 <= folds <= data.n_samples // 2:
+    if isinstance(folds, bool) or not isinstance(folds, Integral) or not 2 <= folds <= data.n_samples // 2:
         raise ParameterError(
-            f"folds is {folds}; expected 2 to {data.n_samples // 2} stretches of {data.n_samples} samples"
+            f"folds is {shown(folds)}; expected a whole number: 2 to {data.n_samples // 2} stretches of "
+            f"{data.n_samples} samples"
         )
     return list(pairwise(np.linspace(0, data.n_samples, folds + 1).round().astype(int).tolist()))
 
@@ -307,6 +318,9 @@ def _edges(data: Dataset, folds: int | None) -> list[tuple[int, int]]:
 def _fold(estimator: Estimator, rest: Dataset, held: Dataset) -> Fold:
     spans = tuple((float(part.t[0]), float(part.t[-1])) for part in held.experiments)
     model = estimator.fit(rest)
+    if held.n_longest < model.memory + _FEWEST:
+        said = f"its longest experiment has {held.n_longest} samples, and the model takes {model.memory} to begin"
+        return Fold(spans=spans, model=model, failure=said)
     try:
         run = model.simulate(held)
         scores = {o: score(run, o) for o in model.outputs}
