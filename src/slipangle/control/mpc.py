@@ -79,7 +79,7 @@ class MPC(Fallbacks):
             the next call of `plan` with the same two answers sooner; other solvers are only built, so that no
             plan counts that time as its own.
         """
-        engine = self._engine
+        engine, _ = self._engine, self._finer
         if reference is not None and previous is not None and not isinstance(previous, Guess):
             wanted = self.reference(reference) if isinstance(reference, Preview) else reference
             wanted = self.check_reference(wanted)
@@ -171,7 +171,7 @@ class MPC(Fallbacks):
             which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
             said. ``limits``, ``Q``, ``R``, ``S`` and ``scenarios`` are those of `vary`. SI units.
         """
-        _ = self._engine
+        _ = self._engine, self._finer
         begin = perf_counter()
         if reference is None or values:
             reference = self._said(reference, values)
@@ -286,8 +286,9 @@ class MPC(Fallbacks):
         if not finite(solution.u, solution.x):
             wrong = Status.NOT_FINITE if status.solved else status
             return self._fallback(call, wrong, solution.iterations, solution.detail)
-        seconds = perf_counter() - call.begin
         duration = (solution.decided or {}).get("duration")
+        said = self._astray(solution, call.wanted)
+        seconds = perf_counter() - call.begin
         values = {
             "u": solution.u
             if solution.kept
@@ -300,7 +301,7 @@ class MPC(Fallbacks):
             "residual": solution.residual,
             "violation": solution.violation,
             "memory": solution.memory,
-            "detail": both(solution.detail, call.doubt),
+            "detail": both(both(solution.detail, call.doubt), said),
             "times": self.times,
             "health": health_of(previous).after(
                 False, self.deadline is not None and seconds > self.deadline, solution.detail == ANEW
@@ -311,16 +312,15 @@ class MPC(Fallbacks):
             values |= {"branches": solution.branches, "decided": solution.decided}
         if duration is not None:
             values["times"] = self.times * (duration / self.times[-1])
-            values["detail"] = both(values["detail"], self._astray(solution, call.wanted))
         return quick(Plan, values)
 
     @built
-    def _finer(self) -> Finer:
-        return Finer(self.ocp)
+    def _finer(self) -> Finer | None:
+        return Finer(self.ocp) if self.ocp.duration is not None and self.ocp.scenarios is None else None
 
     def _astray(self, solution: Solution, wanted: Reference) -> str:
         """What the integrator's steps miss over the duration decided; a warning, too."""
-        if self.ocp.scenarios is not None or solution.decided is None:
+        if self._finer is None or solution.decided is None:
             return ""
         said = self._finer.sentence(solution.x, solution.u, wanted.exogenous, solution.decided)
         if said:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 from typing import Annotated, Any
@@ -208,7 +208,7 @@ class Phases(Checked):
         known = previous if isinstance(previous, PhasedPlan) else None
         guesses = [None] * len(phases) if previous is None or known is not None else _each(previous, phases)
         begin -= perf_counter()  # what is built once is not the plan's time
-        linked, engine = self._parts
+        (linked, engine), _ = self._parts, self._finer
         begin += perf_counter()
         u0 = linked.resting(before, references, guesses)
         reference = linked.spread(u0, references)
@@ -220,10 +220,10 @@ class Phases(Checked):
         if found is None:
             u, states = linked.begin(x, u0, reference.exogenous, guesses)
             found = engine.solve(Start(x=state, applied=u0, reference=reference, guess_u=u, guess_x=states))
-        plan = _taken_apart(linked, found, begin)
+        plan = _taken_apart(linked, found)
         for said in self._astray(plan, references) if plan.status.solved else ():
             warnings.warn(said, ModelWarning, stacklevel=2)
-        return plan
+        return replace(plan, seconds=perf_counter() - begin)
 
     @built
     def _finer(self) -> list[Finer | None]:
@@ -282,7 +282,7 @@ def _each(given: Any, phases: Sequence[OCP]) -> list[Guess | None]:
     return list(given)
 
 
-def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:
+def _taken_apart(linked: Linked, found: Solution) -> PhasedPlan:
     status = found.status if finite(found.u, found.x) or not found.status.solved else Status.NOT_FINITE
     phases, now = [], 0.0
     for base, part, start, own in zip(linked.bases, linked.parts, linked.starts, linked.slots, strict=True):
@@ -307,7 +307,7 @@ def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:
         status=status,
         cost=found.cost,
         iterations=found.iterations,
-        seconds=perf_counter() - begin,
+        seconds=0.0,
         violation=found.violation,
         residual=found.residual,
         start=found.as_start(linked.controls),
