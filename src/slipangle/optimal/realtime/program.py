@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -90,6 +90,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     elif curved(ocp) is not None:
         code.append(_columns(curvature_function(ocp), "curvature"))
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
+    staged = by_stages(ocp, stage, qp)
     head = [f"#define LANES {lanes}"] if lanes else []
     head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
     # Straight-line code gains a twentieth where what is scheduled early still fits the registers; other code loses. The
@@ -105,10 +106,10 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
             _casadi_code(called) if called else "",
             preamble("V"),
             _sizes(ocp, stage, parts, pattern, kinds),
-            *_stages(ocp, stage, qp),
+            *_stages(ocp, stage, qp, staged),
             *code,
             _scratch(called, bool(parts), curved(ocp) is not None),
-            *map(_text, _files(ocp, stage, qp)),
+            *map(_text, _files(ocp, staged)),
             "" if caller else accessors("rt", [*FIELDS, *COUNTS]),
         ]
     )
@@ -119,15 +120,22 @@ def _idle(ocp: OCP) -> bool:
     return 1 <= (int(ocp.nodes[-1]) + 1) % 8 <= 4
 
 
-def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
+class Staged(NamedTuple):
+    """Whether a source has programs by stages, and whether because states grow, so that none is to be condensed."""
+
+    staged: bool
+    growing: bool
+
+
+def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> Staged:
     """Whether a source has the quadratic program by stages too, which decides between the two at every plan.
 
     With exact curvature it always has, unless told otherwise: only a factor by stages says whether that is positive.
     """
     if qp != "auto":
-        return qp == "riccati"
-    condense, factor = _nanoseconds(ocp, stage)
-    return curved(ocp) is not None or condense > 1.3 * factor or grows(ocp)  # less is not worth twice the code
+        return Staged(qp == "riccati", False)
+    growing, (condense, factor) = grows(ocp), _nanoseconds(ocp, stage)
+    return Staged(curved(ocp) is not None or condense > 1.3 * factor or growing, growing)  # less is not worth the code
 
 
 _LARGE = 1e5  # growth over the horizon, whose square condensed programs have to hold beside the weights of inputs
@@ -141,9 +149,10 @@ def grows(ocp: OCP) -> bool:
     x, u = np.asarray(model.straight(20.0), dtype=float), np.zeros(model.n_inputs)
     if "v_x" in model.inputs:
         u[model.inputs.index("v_x")] = 20.0
-    step = model.functions[0]
-    A = np.asarray(step.jacobian()(x, u, step(x, u))[0].full())
-    with np.errstate(over="ignore", invalid="ignore"):
+    step = model.functions[0]  # its symbolic derivative would take longer to make than the plan
+    later, by = np.asarray(step(x, u)), np.diag(1e-6 * (1 + np.abs(x)))
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number there does not tell
+        A = np.column_stack([np.asarray(step(x + off, u)) - later for off in by]) / np.diag(by)
         whole = np.abs(np.linalg.matrix_power(A, int(ocp.nodes[-1])))
     return bool(np.isfinite(A).all() and not whole.max() <= _LARGE)
 
@@ -164,15 +173,15 @@ def _changing(ocp: OCP, stage: ca.Function) -> int:
     return len(ocp.controls) if len(ocp.S) or rated or stage.nnz_out(3) or stage.nnz_out(5) else 0
 
 
-def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
+def _stages(ocp: OCP, stage: ca.Function, qp: str, found: Staged) -> list[str]:
     """What riccati.c asks for."""
-    if not by_stages(ocp, stage, qp):
+    if not found.staged:
         return ["typedef struct { int64_t none; } Stages;"]
     condense, factor = (1.0, 0.0) if qp == "riccati" else _nanoseconds(ocp, stage)
     return [
         "#define RICCATI 1",
         f"#define NV {_changing(ocp, stage)}",
-        f"#define GROWS {int(qp == 'auto' and grows(ocp))}",
+        f"#define GROWS {int(found.growing)}",
         f"#define JOINED {0 if ocp.nodes[-1] == ocp.horizon else ocp.horizon}",
         f"#define TO_CONDENSE {condense!r}",
         f"#define TO_FACTOR {factor!r}",
@@ -180,9 +189,9 @@ def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
     ]
 
 
-def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
+def _files(ocp: OCP, found: Staged) -> Sequence[str]:
     memory, method = "", ""
-    if by_stages(ocp, stage, qp):
+    if found.staged:
         memory, method = "riccati_work.c", "riccati.c bends.c rows.c interior.c"
         method += "" if curved(ocp) is None else " saddle.c"
     curve = "" if curved(ocp) is None else "curvature.c"
