@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -22,6 +24,8 @@ from slipangle.models.ode import Parametrised
 from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
 
 _ITERATIONS = 12  # of Newton's method, as in the integrator itself
+_WIDE = 8  # derivatives that are added up side by side
+_LONG = 1000  # rows of all runs together, from which threads are worth starting
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,14 @@ class ForwardRun:
     def __call__(self, x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Outputs and their derivatives."""
         return self.call(x0, S0, rows, p)
+
+    def many(self, given: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+        """One run after another, or, where they are compiled and long, at the same time on the cores of the machine."""
+        threads = min(len(given), os.cpu_count() or 1)
+        if not self.compiled or threads == 1 or sum(len(rows) for _, _, rows, _ in given) < _LONG:
+            return [self(*arguments) for arguments in given]
+        with ThreadPoolExecutor(threads) as pool:  # the compiled code runs without the interpreter's lock
+            return list(pool.map(lambda arguments: self(*arguments), given))
 
 
 def forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
@@ -101,28 +113,38 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
     x, w, p = ca.SX.sym("x", ode.n_states), ca.SX.sym("w", _width(model)), ca.SX.sym("p", len(known))
     varied = model.with_values(**{name: p[i] for i, name in enumerate(known)})
     u = varied.drive(w)
-    text = _text((x, w, p), varied.ode.derivative(x, u), varied.ode.output(x, u), n_p, ode.method)
+    felt = ca.SX.sym("u", u.shape[0])
+    of_felt = varied.ode.derivative(x, felt), varied.ode.output(x, felt)
+    text = _text((w, u), (x, felt, p), *of_felt, n_p, ode.method)
     return text, np.array([model.value(n) for n in known[n_p:]])
 
 
-def _text(symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method: Any) -> str:
+def _text(drive: tuple[ca.SX, Any], symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method: Any) -> str:
     """C of the free run with rates ``f``, or with ``f`` as the next state where the method is "map".
 
-    The symbols are x, w and p, of whose entries the first ``n_p`` are free.
+    The symbols are x, u and p, of whose entries the first ``n_p`` are free; ``drive`` are those of a row w, and u of it
+    and of p: it may take many operations, as a delay does, which the steps within a sample need not repeat.
     """
-    x, w, p = symbols
-    f, y = ca.densify(f), ca.densify(y)
+    (w, given), (x, u, p) = drive, symbols
+    given, f, y = ca.densify(given), ca.densify(f), ca.densify(y)
+    padding = -n_p % _WIDE if n_p else _WIDE
+
+    def by_p(value: Any) -> Any:
+        return ca.horzcat(ca.jacobian(value, p)[:, :n_p], ca.SX(value.shape[0], padding))
 
     def with_slopes(name: str, value: Any) -> ca.Function:
-        slopes = [ca.densify(ca.jacobian(value, x).T), ca.densify(ca.jacobian(value, p)[:, :n_p].T)]
-        return ca.Function(name, [x, w, p], [value, *slopes], {"cse": True})
+        slopes = [ca.jacobian(value, x), ca.jacobian(value, u), by_p(value)]
+        return ca.Function(name, [x, u, p], [value, *slopes], {"cse": True})
 
     functions = {
+        "driven": ca.Function("ode_driven", [w, p], [given, by_p(given)], {"cse": True}),
+        "undriven": ca.Function("ode_undriven", [w, p], [given], {"cse": True}),
         "rates": with_slopes("ode_rates", f),
         "outputs": with_slopes("ode_outputs", y),
-        "slopes": ca.Function("ode_slopes", [x, w, p], [f]),
+        "slopes": ca.Function("ode_slopes", [x, u, p], [f]),
     }
-    sizes = {"NX": x.shape[0], "NW": w.shape[0], "NP": n_p, "NY": y.shape[0]}
+    moved = _used(by_p(given)).any(axis=1)
+    sizes = {"NX": x.shape[0], "NU": u.shape[0], "NW": w.shape[0], "NY": y.shape[0], "MP": n_p + padding, "WIDE": _WIDE}
     parts = [preamble("double"), *(emit(function, name) for name, function in functions.items())]
     if method == "radau":
         sizes |= {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
@@ -131,24 +153,56 @@ def _text(symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method:
         rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
         parts += ["#define IMPLICIT", f"static const double RADAU[3][3] = {{{rows}}};"]
         parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
-        step = "implicit_step(x, x + NX, w, p, h, m, 1);"
+        step = "implicit_step(x, x + NX, u, p, h, m, 1);"
     elif method == "map":
-        step = "all_rates(x, w, p, y, m); memcpy(x, y, n * sizeof(double));"
+        step = "all_rates(x, u, p, y, m); memcpy(x, y, n * sizeof(double));"
     else:
-        step = explicit_step(method, "all_rates({x}, w, p, {k}, m)", n="n", h="h", out="x").strip()
+        step = explicit_step(method, "all_rates({x}, u, p, {k}, m)", n="n", h="h", out="x").strip()
     template = (files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")
     parts += [f"#define {name} {value}" for name, value in sizes.items()]
+    parts += ["typedef double wide __attribute__((vector_size(WIDE * sizeof(double)), aligned(sizeof(double))));"]
+    parts += ["static const wide none = {0};"]
+    for name, value in (("rates", f), ("outputs", y)):
+        of_x, of_u = _used(ca.jacobian(value, x)), _used(ca.jacobian(value, u)) & moved
+        parts += [_along(f"along_{name}", of_x, of_u, _used(by_p(value)))]
     return "\n".join([*parts, template.replace("/* STEP */", step)])
+
+
+def _used(slopes: Any) -> np.ndarray:
+    """Which entries can be other than zero."""
+    return np.array(ca.DM(slopes.sparsity(), 1.0).full()) != 0
+
+
+def _along(name: str, of_x: np.ndarray, of_u: np.ndarray, of_p: np.ndarray) -> str:
+    """C of the sum of products that is a derivative by all columns; which entries count is known here."""
+    given = ", ".join(f"const double *restrict {n}" for n in ("fx", "fu", "fp", "S", "du"))
+    lines = [f"static void {name}({given}, double *restrict out, long m)", "{"]
+    lines += ["    for (long j = 0; j < m; j += WIDE) {"]
+    tables = (("fx", "S", of_x), ("fu", "du", of_u))
+    lines += [
+        f"        const wide {rows}{k} = *(const wide *)({rows} + {k} * m + j);"
+        for _, rows, used in tables
+        for k in np.flatnonzero(used.any(axis=0))
+    ]
+    for i in range(len(of_x)):
+        products = [
+            f" + {f}[{i * used.shape[1] + k}] * {rows}{k}" for f, rows, used in tables for k in np.flatnonzero(used[i])
+        ]
+        first = f"(j < MP ? *(const wide *)(fp + {i} * MP + j) : none)" if of_p[i].any() else "none"
+        lines.append(f"        *(wide *)(out + {i} * m + j) = {first}{''.join(products)};")
+    return "\n".join([*lines, "    }", "    (void)fx, (void)fu, (void)fp, (void)S, (void)du;", "}"])
 
 
 def _compiled(loaded: ctypes.CDLL, rest: np.ndarray, ny: int, h: float = 1.0, substeps: int = 1) -> ForwardRun:
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
-        x, m = np.ascontiguousarray(np.vstack([x0, S0.T]), dtype=float), S0.shape[1]  # x, then S column after column
+        n = S0.shape[1]
+        m = n + -n % _WIDE
+        x = np.concatenate([x0, np.pad(S0, [(0, 0), (0, m - n)]).ravel()], dtype=float)  # x, then S row after row
         rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, rest])
-        out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size)
+        out, scratch = np.empty((len(rows), ny, 1 + n)), np.empty(loaded.spare(m))
         at = [a.ctypes.data for a in (x, rows, values)]
-        loaded.free_run(*at, len(rows), m, h, substeps, out.ctypes.data, scratch.ctypes.data)
-        return out.transpose(0, 2, 1)
+        loaded.free_run(*at, len(rows), m, n, h, substeps, out.ctypes.data, scratch.ctypes.data)
+        return out
 
     return ForwardRun(run, compiled=True)
 
@@ -156,7 +210,8 @@ def _compiled(loaded: ctypes.CDLL, rest: np.ndarray, ny: int, h: float = 1.0, su
 def of_map(symbols: tuple[ca.SX, ca.SX, ca.SX], later: Any, y: Any) -> ForwardRun:
     """The free run of ``x(k+1) = later``, with outputs ``y``, of the symbols x, w and p, all of them free."""
     later, y = ca.densify(later), ca.densify(y)
-    loaded = library(_text(symbols, later, y, symbols[2].shape[0], "map"), name="free_run")
+    text = _text((symbols[1], symbols[1]), symbols, later, y, symbols[2].shape[0], "map")
+    loaded = library(text, name="free_run")
     if loaded is None:
         return _on_machine(symbols, _chained(symbols, later), y)
     return _compiled(loaded, np.empty(0), y.shape[0])

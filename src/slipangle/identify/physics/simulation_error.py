@@ -195,7 +195,10 @@ class FreeRunProblem:
 
     def simulate(self, i: int, z: np.ndarray) -> np.ndarray:
         """Outputs of experiment ``i`` and their derivatives by `columns`, shape (n, n_outputs, 1 + n_columns)."""
-        return self.run(*self.initial(i, z), self.rows[i], self.parameters(i, z))
+        return self.run(*self._run_of(i, z))
+
+    def _run_of(self, i: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return (*self.initial(i, z), self.rows[i], self.parameters(i, z))
 
     def cost(self, z: np.ndarray) -> float:
         """Sum of squared weighted errors, without derivatives; a free run that diverges counts as `_WORST`."""
@@ -221,8 +224,9 @@ class FreeRunProblem:
         error, jacobian = np.empty(self.n_rows * ny), np.zeros((self.n_rows * ny, len(z)))
         at = 0
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make the free run diverge
-            for i, y in enumerate(self.measured):
-                full = self.simulate(i, z)[1:] / self.sigma[:, None]
+            runs = self.run.many([self._run_of(i, z) for i in range(self.n_e)])
+            for i, (run, y) in enumerate(zip(runs, self.measured, strict=True)):
+                full = run[1:] / self.sigma[:, None]
                 rows = slice(at, at + len(full) * ny)
                 error[rows] = (full[:, :, 0] - y[1:] / self.sigma).ravel()
                 jacobian[rows, self.columns(i)] = full[:, :, 1:].reshape(len(full) * ny, -1)
