@@ -22,19 +22,32 @@ from slipangle.identify.judge.compare import cross_validate
 from slipangle.identify.linear.arx import ARX
 
 
-def haversine(a, b):
-    h = np.sin((b[0] - a[0]) / 2) ** 2 + np.cos(a[0]) * np.cos(b[0]) * np.sin((b[1] - a[1]) / 2) ** 2
-    return 2 * EARTH * np.arcsin(np.sqrt(h))
+def on_the_ellipsoid(lat, lon):
+    """Places in space on WGS 84, whose chords are the distances over a track to a millimetre. [m]"""
+    flat = 1 / 298.257223563
+    square = flat * (2 - flat)
+    N = 6378137.0 / np.sqrt(1 - square * np.sin(lat) ** 2)
+    return np.array([N * np.cos(lat) * np.cos(lon), N * np.cos(lat) * np.sin(lon), N * (1 - square) * np.sin(lat)])
 
 
 @pytest.mark.parametrize("lat", [-0.9, 0.0, 0.466, 1.1])
 @pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5, 4.0])
-def test_distances_over_a_track_are_those_on_the_sphere(lat, bearing):
+def test_distances_over_a_track_are_those_on_the_earth(lat, bearing):
     step = 1000 / EARTH
     ends = np.array([lat, lat + step * np.cos(bearing)]), np.array([3.1, 3.1 + step * np.sin(bearing) / np.cos(lat)])
     x, y = equirectangular(*ends)
-    exact = haversine((ends[0][0], ends[1][0]), (ends[0][1], ends[1][1]))
-    assert np.hypot(x[1], y[1]) == pytest.approx(exact, rel=3e-4)
+    exact = np.linalg.norm(np.diff(on_the_ellipsoid(*ends)))
+    assert np.hypot(x[1], y[1]) == pytest.approx(exact, rel=2e-4)  # 0.1 m at 1 km, far north more
+
+
+@pytest.mark.parametrize("lat", [-0.9, 0.0, 0.863, 1.2])
+def test_a_circle_on_the_earth_is_one_on_the_map(lat):
+    turn = np.linspace(0, 2 * np.pi, 400)
+    reach = 200 / EARTH
+    around = lat + reach * np.sin(turn), 3.1 + reach * np.cos(turn) / np.cos(lat)
+    x, y = equirectangular(*around, origin=(lat, 3.1))
+    middle = on_the_ellipsoid(np.array(lat), np.array(3.1))[:, None]
+    assert np.hypot(x, y) == pytest.approx(np.linalg.norm(on_the_ellipsoid(*around) - middle, axis=0), rel=1e-4)
 
 
 def test_across_the_date_line():

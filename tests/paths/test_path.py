@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from slipangle.data.race import EARTH
 from slipangle.errors import (
     FormatError,
     MissingFileError,
@@ -16,6 +15,7 @@ from slipangle.errors import (
 )
 from slipangle.paths.lane_change import double_lane_change, lane_changes, obstacle_avoidance
 from slipangle.paths.path import Path
+from tests.data.earth import degrees_of
 
 
 def circle(radius=50.0, points=48, **options):
@@ -327,7 +327,7 @@ def test_columns_of_a_track_go_by_their_headings(tmp_path):
 def test_tracks_of_latitude_and_longitude_know_their_origin(tmp_path, heading):
     angle = np.linspace(0, 2 * np.pi, 100)[:-1]
     X, Y = 50 * np.cos(angle), 50 * np.sin(angle)
-    lat, lon = 52 + np.degrees(Y / EARTH), 13 + np.degrees(X / (EARTH * np.cos(np.radians(52))))
+    lat, lon = degrees_of(X, Y, 52, 13)
     places = [lat, lon] if heading.startswith("lat") else [lon, lat]
     wide = 100 if "cm" in heading else 1
     table = np.column_stack(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.quality.inspect import resting
+from slipangle.data.quality.events import despike
+from slipangle.data.quality.inspect import inspect, resting
 from slipangle.data.quality.plausible import doubts, kinematic_gain
 
 LENGTH = 2.7
@@ -324,3 +325,69 @@ def test_lane_changes_of_a_car_that_answers_late_are_no_hand_wheels(late, gain):
     assert [s for s in said if "hand wheel" not in s] == []
     assert len(said) == (gain != 1.0)
     assert kinematic_gain(data, wheelbase=LENGTH) == pytest.approx(gain, rel=1 / 3)
+
+
+def session(seed, **change):
+    """Half a minute at a low, then at a high speed, in one recording; ``change`` by channel."""
+    parts = [drive(9.0, seed), drive(19.0, seed + 100)]
+    table = {n: np.concatenate([p[n] for p in parts]) for n in parts[0].names}
+    table |= {n: f(table[n]) for n, f in change.items()}
+    return Dataset.from_arrays({n: table.pop(n) for n in ("delta", "v_x")}, table, parts[0].dt)
+
+
+ODD = {
+    "sign": ({"delta": np.negative}, "sign = -1 for delta"),
+    "sign of r and v_y": ({"r": np.negative, "v_y": np.negative}, "wrong sign"),
+    "g": ({"a_y": lambda a: a / 9.80665}, "a_y is logged in g"),
+    "deg/s": ({"r": np.rad2deg}, "r is logged in deg/s"),
+    "km/h": ({"v_x": lambda v: 3.6 * v}, "v_x is logged in km/h"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("sound", [1, 2])
+def test_a_mistake_of_one_recording_is_said_of_that_one(name, sound):
+    change, said = ODD[name]
+    days = [*(session(seed) for seed in range(sound)), session(7, **change)]
+    found = doubts(join(*days), wheelbase=LENGTH)
+    assert len(found) >= 1
+    assert said in found[0]
+    assert all(sentence.startswith(f"in recording {sound + 1} of {sound + 1}: ") for sentence in found)
+    assert doubts(join(*(session(seed) for seed in range(3))), wheelbase=LENGTH) == ()
+
+
+def test_a_unit_that_changes_within_a_log_is_named_by_what_no_tires_give():
+    data = without_a_y(session(3))
+    later = np.where(np.arange(data.n_samples) < data.n_samples // 2, 1.0, 180 / np.pi)
+    (said,) = doubts(data.with_channel("r", later * data["r"], "rad/s"), wheelbase=LENGTH)
+    assert "no tires give" in said
+    assert "deg/s" in said or "over a part of the log" in said
+
+
+@pytest.mark.parametrize("hz", [50, 20, 10, 5])
+def test_a_value_that_is_held_is_not_called_coarse(hz):
+    rng, k = np.random.default_rng(4), 100 // hz
+    t = np.arange(3000) * 0.01
+    smooth = np.sin(0.7 * t) + 0.02 * rng.standard_normal(len(t))
+    held = np.repeat(smooth[::k], k)
+    data = Dataset.from_arrays({"delta": 0.02 * np.sin(t)}, {"r": held}, 0.01)
+    (seen,) = [r for r in inspect(data).resolutions if r.channel == "r"]
+    assert seen.step == 0.0
+    assert seen.repeats == pytest.approx(1 - hz / 100, abs=0.02)
+    coarse = data.with_channel("r", np.round(smooth, 1), "rad/s")
+    (seen,) = [r for r in inspect(coarse).resolutions if r.channel == "r"]
+    assert seen.step == pytest.approx(0.1)
+    assert seen.repeats == 0.0
+
+
+@pytest.mark.parametrize("row", [0, -1, 1, 2, -2, 200])
+def test_a_spike_at_an_end_leaves_its_neighbours_as_they_are(row):
+    y = np.sin(0.05 * np.arange(400))
+    bad = y.copy()
+    bad[row] += 5.0
+    data = Dataset.from_arrays({"delta": 0.01 * y}, {"r": bad}, 0.01)
+    mended, spikes = despike(data, "r")
+    found = [] if row in (0, -1) else [row % 400]
+    assert [s.row for s in spikes] == found
+    assert np.flatnonzero(mended["r"] != bad).tolist() == found
+    assert mended["r"][found] == pytest.approx(y[found], abs=0.11)

@@ -399,3 +399,23 @@ def test_an_ld_file_whose_channels_go_round_is_refused(tmp_path):
     path.write_bytes(raw)
     with pytest.raises(FormatError, match="has no end"):
         open_log(path)
+
+
+def test_samples_that_an_mdf_file_marks_invalid_are_missing(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    t, invalid = 0.01 * np.arange(300), np.zeros(300, dtype=bool)
+    invalid[100] = True
+    invalid[200:210] = True
+    speed = np.where(invalid, 400.0, 72.0 + t)
+    with asammdf.MDF(version="4.10") as file:
+        signals = [
+            asammdf.Signal(speed, t, name="v_x", unit="km/h", invalidation_bits=invalid),
+            asammdf.Signal(np.sin(t), t, name="delta", unit="deg"),
+        ]
+        file.append(signals)
+        file.save(tmp_path / "bus.mf4")
+    data = sa.read(tmp_path / "bus.mf4", {"v_x": "v_x", "delta": "delta"}, nan="gap")
+    assert data["v_x"].max() * 3.6 == pytest.approx(72.0 + t[-1])
+    assert data.n_samples == 289
+    with pytest.raises(NotFiniteError):
+        sa.read(tmp_path / "bus.mf4", {"v_x": "v_x", "delta": "delta"})

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.recordings import RECORDING, recordings
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
-from slipangle.identify.car.corrections import RECORDING, corrections, recordings
+from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.identify_car import WholeCar, identify_car
 from slipangle.identify.car.recordings import between
 from slipangle.identify.car.stretches import stretches

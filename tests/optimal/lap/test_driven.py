@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import slipangle as sa
-from slipangle.data.race import EARTH
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from tests.data.earth import degrees_of
 from tests.optimal.lap.cars import RACER, circuit, straight
 
 DT = 0.02
@@ -77,9 +77,9 @@ def test_a_log_of_latitude_and_longitude_is_one_of_places():
     lap = fastest()
     plain = log_of(lap)
     X, Y = plain["X"] - plain["X"][0], plain["Y"] - plain["Y"][0]
-    lat = 0.7 + Y / EARTH
+    lat, lon = (np.radians(v) for v in degrees_of(X, Y, np.degrees(0.7), np.degrees(0.2)))
     channels = [sa.Channel("latitude", "rad"), sa.Channel("longitude", "rad")]
-    values = np.column_stack([lat, 0.2 + X / (EARTH * np.cos(0.7))])
+    values = np.column_stack([lat, lon])
     data = sa.Dataset(values=values, channels=channels, dt=DT)
     edge = lap.track
     moved = sa.Path.from_points(edge.X - plain["X"][0], edge.Y - plain["Y"][0], closed=True)
@@ -88,7 +88,7 @@ def test_a_log_of_latitude_and_longitude_is_one_of_places():
 
 def of_angles(log, lat=0.7, lon=0.2):
     """The same log by latitude and longitude, the frame's zero at these."""
-    values = np.column_stack([lat + log["Y"] / EARTH, lon + log["X"] / (EARTH * np.cos(lat))])
+    values = np.radians(np.column_stack(degrees_of(log["X"], log["Y"], np.degrees(lat), np.degrees(lon))))
     channels = [sa.Channel("latitude", "rad"), sa.Channel("longitude", "rad")]
     return sa.Dataset(values=values, channels=channels, dt=DT, name="gps")
 
@@ -124,7 +124,7 @@ def test_laps_beside_the_track_as_a_whole_are_named(edges):
     lap = fastest()
     track = sa.Path.from_points(lap.track.X[::20], lap.track.Y[::20], closed=True, right=edges, left=edges)
     log = of_angles(log_of(lap))
-    there = (0.7 - 19.0 / EARTH, 0.2)
+    there = (0.7 - 19.0 / 6.4e6, 0.2)
     with pytest.raises(ParameterError, match=r"lie \d+\.\d m beside the line .* in the median, beyond its edges"):
         sa.driven_laps(log, track, origin=there)
 

@@ -15,6 +15,7 @@ from slipangle.errors import ParameterError, UnitError
 _ALONE = 1.5  # of the largest step near by, which a spike exceeds: the summit of a steep signal does not
 _NEAR_TURN = 0.1  # of a turn, within which a leap of any angle is one
 _NEAR = 25  # samples, of which fewer than half stand alone
+_EVEN = 0.8  # of the gaps between the levels of a quantised signal, which are whole steps
 _NORMAL_P99 = 2.5758  # 99 % of a normal law lies within this many standard deviations
 FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
 """Largest believable change per second, by quantity, SI: no tire accelerates a car by more than about 1.5 g."""
@@ -101,7 +102,11 @@ def level_step(x: np.ndarray) -> float:
     if not 3 < len(levels) < 0.25 * len(x):
         return 0.0
     gaps = np.diff(levels)
-    return float(np.median(gaps[gaps > 1e-9 * np.ptp(x)]))
+    gaps = gaps[gaps > 1e-9 * np.ptp(x)]
+    least = float(np.quantile(gaps, 0.1))
+    step = float(np.median(gaps[gaps < 1.5 * least]))
+    apart = np.abs(gaps / step - np.round(gaps / step))
+    return step if np.mean(apart < 0.1) > _EVEN else 0.0  # a value that is held is at no level
 
 
 def _checked(width: int, threshold: float) -> None:
@@ -114,7 +119,8 @@ def _checked(width: int, threshold: float) -> None:
 
 
 def _median(x: np.ndarray, width: int) -> np.ndarray:
-    return ndimage.median_filter(x, width, mode="nearest")
+    """The running median; past the ends the recording goes on as its mirror image about the last sample."""
+    return ndimage.median_filter(x, width, mode="mirror")
 
 
 def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float = 12.0) -> tuple[Spike, ...]:
@@ -147,6 +153,7 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
     stands_out = np.asarray(size > limit)
     steps = np.concatenate([np.append(np.abs(np.diff(part[channel])), 0.0) for part in data.experiments])
     steps[stands_out | np.append(stands_out[1:], False)] = 0.0
+    stands_out[[*data.starts, *(stop - 1 for stop in data.stops)]] = False
     spikes, t = [], data.t
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands_out.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2).tolist():

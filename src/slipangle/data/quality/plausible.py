@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import signal
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.events import runs
 from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
+from slipangle.data.recordings import recordings
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
 # told, and what explains it.
@@ -35,6 +36,10 @@ _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement fro
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
 _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
+_BEYOND = 80.0  # m/s2 of v_x r, more than any car with wings has
+_CHANGES = "v_x or r is in another unit, if only over a part of the log; look at both over time"
+_ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
+_SESSION = 28.0  # s of a recording, from which it is looked at by itself
 _ANEW = 5  # times that an offset is told, each without the one before
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
@@ -54,8 +59,35 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
 
     Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, less ``delta_r`` of
     steered rear wheels, and v_x, r and a_y, ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s],
-    r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m.
+    r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m. Of several recordings of half a minute
+    or more, what is odd in half of them or fewer is said of these, and the others are looked at together.
     """
+    of, lasts = np.array(recordings(data)), data.dt * np.subtract(data.stops, data.starts)
+    long = [k for k in dict.fromkeys(of) if lasts[of == k].sum() > _SESSION]
+    parts = {k: _part(data, of == k) for k in long} if len(long) > 1 else {}
+    each = {k: _doubts(part, wheelbase) for k, part in parts.items()}
+    sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
+    if 2 * len(sound) < len(each) or len(sound) == len(each):  # the same mistake looks otherwise at another speed
+        return _doubts(data, wheelbase)
+    said = [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
+    others = np.isin(of, [k for k, one in each.items() if one], invert=True)
+    return (*said, *_doubts(_part(data, others), wheelbase))
+
+
+def _turns(data: Dataset, wheelbase: float) -> bool:
+    """Whether r follows delta about as wheelbase and speed have it."""
+    low, high = _ORDINARY
+    return low < kinematic_gain(data, wheelbase=wheelbase) < high
+
+
+def _part(data: Dataset, wanted: np.ndarray) -> Dataset:
+    """The data with some of the experiments alone."""
+    parts = [part for part, here in zip(data.experiments, wanted, strict=True) if here]
+    return data if len(parts) == len(wanted) else join(*parts)
+
+
+def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
+    """See `doubts`, of all data together."""
     if data.dt > LONGEST_STEP:
         return (
             f"samples are {data.dt:.3g} s apart; expected less than {LONGEST_STEP:g} s of a car that is steered: if "
@@ -86,6 +118,9 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         if all("wrong sign" in said for each in about for said in each or ("",)):
             return (*said, "r moves against delta and against v_y: it has the wrong sign; set sign = -1 for r")
         said += (about[0] or _zero(smooth, drives)) + about[1]
+    beyond = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99))
+    if beyond > _BEYOND and not (cornering or said):
+        said.append(f"v_x r reaches {beyond:.3g} m/s2, which no tires give: {_CHANGES}")
     return tuple(said)
 
 

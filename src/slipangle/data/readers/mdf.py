@@ -96,12 +96,16 @@ def _add_group(opened: Any, i: int, path: Path, tables: dict[str, ChannelTable])
         if time and column == 0:
             return np.asarray(opened.get_master(i), dtype=float)
         k = found[column - len(time)]
-        values = np.asarray(opened.get(group=i, index=k, ignore_invalidation_bits=True).samples)
+        found_there = opened.get(group=i, index=k, ignore_invalidation_bits=True)
+        values, invalid = np.asarray(found_there.samples), found_there.invalidation_bits
         if values.dtype.kind not in "biuf" or values.ndim != 1:  # a conversion to text
             values = np.asarray(opened.get(group=i, index=k, raw=True).samples)
         if values.dtype.kind not in "biuf" or values.ndim != 1:
             raise FormatError(f"channel '{headers[column - len(time)].name}' of '{path}' holds no plain numbers")
-        return values.astype(float)
+        values = values.astype(float)
+        if invalid is not None:  # what did not come, as a frame of a bus: the bytes are old, or anything
+            values[np.asarray(invalid, dtype=bool)] = np.nan
+        return values
 
     name = str(getattr(group.channel_group, "acq_name", "") or "").strip() or f"group {i}"
     topic = name if name not in tables else f"{name} {i}"

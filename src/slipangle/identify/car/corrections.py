@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.data.recordings import recordings
 from slipangle.models.vehicles.load_transfer import LoadTransfer
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 
-RECORDING = "recording"  # channel that numbers the recording that a sample is of
 DOWNFORCE = ("downforce_f", "downforce_r")
 LOCKED = ("locked_half_track",)
 SPEED = ("gain_v_x",)
@@ -104,13 +104,6 @@ def corrections(
         listed = [replace(gain, starts=({}, elsewhere)), *(c for c in listed if c is not gain)]
     left = (replace(c, free=tuple(n for n in c.free if n not in (own or ()))) for c in listed)
     return tuple(c for c in left if c.free)
-
-
-def recordings(data: Dataset) -> tuple[int, ...]:
-    """Number of the recording that each experiment is of."""
-    if RECORDING not in data:
-        return tuple(range(len(data.starts)))
-    return tuple(int(data[RECORDING][row]) for row in data.starts)
 
 
 def _sessions(data: Dataset) -> bool:

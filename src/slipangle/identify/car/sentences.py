@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.identify.car.corrections import LOADS, SPEED, fastest_steering, friction_used, recordings
+from slipangle.data.recordings import recordings
+from slipangle.identify.car.corrections import LOADS, SPEED, fastest_steering, friction_used
 from slipangle.identify.car.left_over import HOLD, NO_HOLD
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Others, Stage, settling, worth

@@ -11,8 +11,8 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.events import runs
 from slipangle.data.quality.spins import spinning
+from slipangle.data.recordings import RECORDING
 from slipangle.errors import MissingColumnError, TooShortError
-from slipangle.identify.car.corrections import RECORDING
 from slipangle.identify.car.structures import ADDED, SLOWEST
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run

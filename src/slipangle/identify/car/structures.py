@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import least_squares as trust_region
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import Correction, recordings
+from slipangle.data.recordings import recordings
+from slipangle.identify.car.corrections import Correction
 from slipangle.identify.physics.grey_box import nominal
 from slipangle.identify.physics.simulation_error import FreeRunProblem
 from slipangle.models.ode import OdeModel
