@@ -59,6 +59,19 @@ def test_handling_is_read_in_degrees_and_kilometres_an_hour():
     assert "km/h: characteristic speed" in repr(found)
 
 
+def test_a_model_that_was_not_fitted_has_numbers_in_its_table():
+    model, _ = fitted()
+    bare = handling(replace(model, fit_info=None), v_x=[30.0])
+    table = bare.table(30.0)
+    shown = {r.cells[0]: (r.cells[1], r.cells[2]) for r in table.rows}
+    assert float(shown["understeer gradient"][0]) == pytest.approx(np.degrees(bare["understeer_gradient"][0]), rel=1e-3)
+    assert {half for _, half in shown.values()} == {"–"}
+    assert [name for name, (value, _) in shown.items() if value == "0"] == []
+    heads = table.to_text(width=60)
+    assert "quantity" in heads
+    assert "value" in heads
+
+
 def test_poles_are_a_table():
     linear = linearize(fitted()[0], v_x=30.0)
     text = linear._repr_html_()

@@ -235,7 +235,10 @@ def test_leaving_the_path_ends_the_drive():
     bend = Path.from_points(40 * np.sin(t), 40 - 40 * np.cos(t)).with_speed(15.0)
     run = closed_loop(PLANT, still, bend)
     assert run.end is End.LEFT_PATH
-    assert not run.inside or np.isinf(bend.at(0.0).left).all()
+    assert np.isinf(bend.at(0.0).left).all()
+    assert not run.inside
+    assert not run.finished
+    assert "outside its lanes" in repr(run)
     assert run.max("y") > 20.0
 
 

@@ -2,12 +2,14 @@
 
 import itertools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import slipangle as sa
+from slipangle.simulate.run import End
 from slipangle.workflow.job import run_job
 from slipangle.workflow.overview import doubts, scoreboard
 from slipangle.workflow.page import summary
@@ -107,3 +109,14 @@ def test_a_drive_is_no_better_than_its_cars(outcome):
     order = ("poor", "fair", "good")
     assert order.index(drive.tone) <= order.index(outcome.tried.trials.word)
     assert ("leaves its lanes" in drive.sentence.split(".")[0]) == (not outcome.run.inside)
+
+
+@pytest.mark.parametrize("end", [End.TIME, End.LEFT_PATH, End.NOT_FINITE])
+def test_a_car_that_does_not_come_to_its_path_s_end_is_not_called_good(outcome, end):
+    if outcome.run is None:
+        return
+    stood = replace(outcome, run=replace(outcome.run, end=end))
+    [drive] = [v for v in verdicts(stood, "") if v.title == "Closed loop"]
+    assert drive.tone == "poor"
+    assert end.value in drive.sentence
+    assert not stood.metrics()["closed_loop"]["finished"]

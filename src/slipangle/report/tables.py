@@ -125,7 +125,7 @@ class Table:
         )
         for column in self.columns:
             table.add_column(
-                Text(column.heading),
+                Text(column.heading, no_wrap=False),
                 justify="left" if column.words else "right",
                 no_wrap=not column.words,
                 overflow="fold",

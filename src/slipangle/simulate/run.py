@@ -58,10 +58,12 @@ class Run(Shown):
     end: End
 
     def _words(self) -> str:
-        where = "inside" if self.inside else "outside"
-        return f"{self.t[-1] - self.t[0]:.4g} s, {where} its lanes, {self.rmse('y'):.3g} m (RMS) from the path; " + (
-            f"{self.end.value}"
+        lane = self.path.at(self.s)
+        marked = np.isfinite(lane.left).any() or np.isfinite(lane.right).any()
+        where = (
+            "outside its lanes" if not self.inside else "inside its lanes" if marked else "where no lanes are marked"
         )
+        return f"{self.t[-1] - self.t[0]:.4g} s, {where}, {self.rmse('y'):.3g} m (RMS) from the path; {self.end.value}"
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Samples of a state or input of the plant, or of a path error, shape (n,).
@@ -103,10 +105,20 @@ class Run(Shown):
 
     @property
     def inside(self) -> bool:
-        """Whether the vehicle's width stayed between the edges of the lane wherever they are marked."""
+        """Whether the vehicle's width stayed between the edges of the lane wherever they are marked.
+
+        Not so of a drive that ended too far from the path, or whose state left the finite numbers.
+        """
+        if self.end in (End.LEFT_PATH, End.NOT_FINITE):
+            return False
         lane = self.path.at(self.s)
         half = 0.5 * self.width
         return bool(np.all((self.e_y + half <= lane.left) & (self.e_y - half >= -lane.right)))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end of the path was reached: a car that stands still stays in its lanes too."""
+        return self.end is End.FINISHED
 
     @property
     def commands(self) -> np.ndarray:

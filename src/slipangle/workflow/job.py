@@ -93,6 +93,7 @@ class Outcome:
                 "max_y": self.run.max("y"),
                 "inside_lane": self.run.inside,
                 "end": self.run.end.name,
+                "finished": self.run.finished,
                 "fallbacks": self.run.fallbacks,
                 "solver_seconds_median": float(np.median(seconds)),
                 "solver_seconds_p99": float(np.percentile(seconds, 99)),

@@ -174,6 +174,8 @@ def next_step(outcome: Outcome) -> str:
         late = float(np.percentile(run.seconds[1:], 99))
         if late >= wanted.dt and wanted.entries.get("solver") != "realtime":
             return f'Next: set solver = "realtime"; the solver takes {1000 * late:.0f} of {1000 * wanted.dt:.0f} ms.'
+        if run.inside and not run.finished:
+            return "Next: look why the car does not come to the end of its path; then judge the controller."
         if not run.inside:
             return "Next: drive slower, widen the limits or change the weights; the car leaves its lanes."
         if outcome.tried is not None and outcome.tried.trials is not None and not outcome.tried.trials.good:

@@ -89,11 +89,13 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     in_time = late < wanted.dt
     others = outcome.tried
     word: Tone = "good" if others is None else "fair" if others.trials is None else others.trials.word
-    own: Tone = "poor" if not run.inside else "good" if run.fallbacks == 0 and in_time else "fair"
+    own: Tone = "poor" if not (run.inside and run.finished) else "good" if run.fallbacks == 0 and in_time else "fair"
     order: tuple[Tone, ...] = ("good", "fair", "poor")
     tone = order[max(order.index(word), order.index(own))]
     named = {"mpc": "An MPC", "driver": "A driver"}.get(wanted.kind, f"The controller {wanted.kind}")
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
+    if not run.finished:
+        where += f", {run.s.max():.0f} of {run.path.length:.0f} m far, until {run.end.value}"
     sentence = (
         f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {speed_said(wanted.v_x)} and "
         f"{where}, "

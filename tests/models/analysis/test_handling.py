@@ -8,6 +8,7 @@ import pytest
 
 from slipangle.errors import ParameterError
 from slipangle.models.analysis.handling import QUANTITIES, handling
+from slipangle.models.analysis.linearize import linearize
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.models.wrappers.delayed import Delayed
@@ -63,6 +64,11 @@ def test_an_oversteering_car_has_a_critical_speed_beyond_which_nothing_settles()
     assert found["rise_time"][0] > 0
     assert math.isnan(found["rise_time"][1])
     assert found["yaw_gain"][1] < 0
+    slow = linearize(car(OVERSTEERING), v_x=0.9 * v).poles  # two real ones, below none of which a frequency shows
+    assert found["natural_frequency"][0] == pytest.approx(np.sqrt(np.prod(slow).real), rel=1e-6)
+    assert found["damping"][0] == pytest.approx(-slow.sum().real / 2 / np.sqrt(np.prod(slow).real), rel=1e-6)
+    for name in ("natural_frequency", "damping"):  # one pole grows: w^2 < 0
+        assert math.isnan(found[name][1])
 
 
 def test_steering_gain_counts_and_wrappers_are_looked_through():

@@ -214,7 +214,8 @@ def _quantities(model: LinearisedModel, v_x: float, steer: str, wheelbase: float
     place = 0, model.outputs.index("r"), model.inputs.index(steer)
     weave = model.frequency_response(np.array([2 * np.pi * _WEAVE]))[place]
     slow = _yaw_motion(model)
-    frequency = float(np.sqrt(np.abs(np.prod(slow)))) if len(slow) == 2 else nan
+    square = float(np.prod(slow).real) if len(slow) == 2 else nan  # negative where one of two poles grows: no frequency
+    frequency = square**0.5 if square > 0 else nan
     good = model.stable
     peak = step.peak_time if good else nan
     return np.array(
@@ -228,7 +229,7 @@ def _quantities(model: LinearisedModel, v_x: float, steer: str, wheelbase: float
             step.overshoot if good else nan,
             peak * slip * _LEVEL / (v_x * yaw),
             frequency,
-            float(-slow.real.sum() / (2 * frequency)) if frequency else nan,
+            float(-slow.real.sum() / (2 * frequency)),
             _bandwidth(model, steer, yaw) if good else nan,
             abs(weave),
             -float(np.angle(weave * np.sign(yaw))) / (2 * np.pi * _WEAVE),
