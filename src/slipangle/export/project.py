@@ -7,7 +7,8 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
@@ -80,7 +81,9 @@ def replay(name: str) -> str:
     return template(name).replace("@READ_NUMBERS@", template("read_numbers.c"))
 
 
-def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
+def write(
+    project: Project, folder: str | Path, *, force: bool = False, more: Callable[[Path], object] = lambda scratch: None
+) -> Path:
     """Write a project into a folder, which is new or empty, whole or not at all.
 
     Parameters
@@ -91,6 +94,8 @@ def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
         Where.
     force : bool
         Write into a folder that is not empty too: files of the same names are replaced, others stay.
+    more : callable, optional
+        Adds to the files while nothing of them is in place yet; of the scratch folder that holds them.
 
     Raises
     ------
@@ -104,12 +109,15 @@ def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
             f"the folder '{target}' is not empty; expected a new one: name another, or replace what is there with "
             "force (--force)"
         )
+    new = not target.exists()
     output_folder(target)
     try:
         with tempfile.TemporaryDirectory(dir=target, prefix=".export.") as scratch:
             for name, text in project.everything.items():
                 (Path(scratch) / name).write_text(text, encoding="utf-8", newline="\n")
-            for name in project.everything:
+            more(Path(scratch))
+            names = {p.name for p in Path(scratch).iterdir()} - {"manifest.json"}
+            for name in (*sorted(names), "manifest.json"):  # which says what belongs together
                 if (target / name).is_dir():
                     shutil.rmtree(target / name)
                 os.replace(Path(scratch) / name, target / name)
@@ -118,4 +126,8 @@ def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
             f"'{target}' cannot be written ({error.strerror or error}); expected a folder with write permission and "
             "room: name another one"
         ) from None
+    finally:
+        if new:
+            with suppress(OSError):  # it holds what was written
+                target.rmdir()
     return target
