@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
-from slipangle.models.analysis.responses import quantile
+from slipangle.numerics.critical import quantile
 from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.optimal.lap.lap import Lap
