@@ -8,6 +8,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.report.lap import beaten, lap_page, lost_most, sector_table
 from tests.data.earth import degrees_of
 from tests.optimal.lap.cars import RACER, circuit, straight
 
@@ -55,6 +56,21 @@ def test_the_same_lap_loses_nothing_anywhere():
     delta = sa.lap_delta(lap, sa.driven_laps(log_of(lap), lap.track)[0])
     assert delta.delta == pytest.approx(0.0, abs=0.03)
     assert all(abs(sector.lost) < 0.05 for sector in delta.sectors)
+
+
+def test_a_lap_that_is_faster_than_the_fastest_is_no_loss():
+    lap = fastest()
+    same, faster = (
+        sa.lap_delta(lap, sa.driven_laps(replace(log_of(lap), dt=pace * DT), lap.track)[0]) for pace in (1.0, 0.93)
+    )
+    assert not beaten(same)
+    said = sector_table(faster).caption
+    assert f"is {0.07 * lap.time:.2f} s faster than the fastest lap of this car" in said
+    assert "You lose nothing in any." in said
+    assert lost_most(faster, 3) == []
+    verdicts = [page.sections[0].blocks[0] for page in (lap_page(lap, "", "", delta) for delta in (same, faster))]
+    assert [verdict.tone for verdict in verdicts] == ["good", "poor"]
+    assert "its grip or its power is set too low" in verdicts[1].sentence
 
 
 def test_what_is_lost_is_lost_in_its_sector():
