@@ -121,6 +121,21 @@ def test_latitude_and_longitude_count_from_the_track_s_origin():
         assert found.n == pytest.approx(plain.n, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("names", "unit"), [(("lat", "lon"), "rad"), (("lat", "lng"), "-"), (("Latitude", "Longitude"), "-")]
+)
+def test_a_log_may_call_them_as_a_track_file_does(names, unit):
+    lap = fastest()
+    data = of_angles(log_of(lap))
+    values = data.values if unit == "rad" else np.degrees(data.values)
+    other = replace(data, values=values, channels=tuple(sa.Channel(name, unit) for name in names))
+    found, known = (sa.driven_laps(log, lap.track, origin=(0.7, 0.2))[0] for log in (other, data))
+    assert found.n == pytest.approx(known.n, abs=1e-6)
+    misled = replace(data, channels=(sa.Channel("lateral"), sa.Channel("lon")))
+    with pytest.raises(MissingColumnError, match="no latitude and longitude"):
+        sa.driven_laps(misled, lap.track, origin=(0.7, 0.2))
+
+
 def test_a_track_that_does_not_say_where_it_lies_is_asked_for_its_origin():
     lap = fastest()
     middle = (lap.track.X[0], lap.track.Y[0])
