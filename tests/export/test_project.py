@@ -6,7 +6,7 @@ import pytest
 
 from slipangle.errors import ConfigError, WriteError
 from slipangle.export import project
-from slipangle.export.project import Project, write
+from slipangle.export.project import Project, write, written
 
 OLD = Project(name="racer", kind="a thing", sentence="A thing.", files={"car.c": "int car(void);\n"}, drive="1\n")
 NEW = Project(name="racer", kind="a thing", sentence="Another.", files={"car.c": "int car(int);\n"}, drive="2\n")
@@ -38,6 +38,20 @@ def test_what_is_stopped_leaves_the_folder_as_it_was(tmp_path, error):
     with pytest.raises(kind):
         write(NEW, tmp_path / "empty", more=stopped_by(error))
     assert content(tmp_path / "empty") == {}
+
+
+def test_what_is_foreign_in_the_folder_is_neither_removed_nor_listed(tmp_path):
+    (tmp_path / "notes.txt").write_text("own")
+    made = write(OLD, tmp_path, force=True)
+    assert written(made) == sorted(OLD.everything)
+    (tmp_path / "racer.c").unlink()
+    (tmp_path / "racer.c").mkdir()
+    (tmp_path / "racer.c" / "precious").write_text("own")
+    before = (tmp_path / "drive.csv").read_text()
+    with pytest.raises(WriteError, match=r"racer\.c' is a folder, where a file is to be written"):
+        write(NEW, tmp_path, force=True)
+    assert (tmp_path / "racer.c" / "precious").read_text() == "own"
+    assert (tmp_path / "drive.csv").read_text() == before
 
 
 def test_more_is_written_with_the_rest_and_the_manifest_last(tmp_path, monkeypatch):

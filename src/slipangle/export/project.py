@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -81,6 +80,16 @@ def replay(name: str) -> str:
     return template(name).replace("@READ_NUMBERS@", template("read_numbers.c"))
 
 
+def written(folder: Path) -> list[str]:
+    """Names of the files of the project in a folder, which may hold others too."""
+    record = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    build = record.get("build", {})
+    names = {"manifest.json", *record["sha256"], *build.get("files", {})}
+    if build:
+        names |= {build["library"]} | ({"model.json"} if "starts" in build and "without_model" not in build else set())
+    return sorted(names)
+
+
 def write(
     project: Project, folder: str | Path, *, force: bool = False, more: Callable[[Path], object] = lambda scratch: None
 ) -> Path:
@@ -100,7 +109,7 @@ def write(
     Raises
     ------
     WriteError
-        If the folder is not empty, or cannot be written.
+        If the folder is not empty, holds a folder by the name of a file, or cannot be written.
     """
     target = Path(folder)
     check_output(target)
@@ -117,9 +126,14 @@ def write(
                 (Path(scratch) / name).write_text(text, encoding="utf-8", newline="\n")
             more(Path(scratch))
             names = {p.name for p in Path(scratch).iterdir()} - {"manifest.json"}
-            for name in (*sorted(names), "manifest.json"):  # which says what belongs together
-                if (target / name).is_dir():
-                    shutil.rmtree(target / name)
+            ordered = (*sorted(names), "manifest.json")  # which says what belongs together
+            folders = [name for name in ordered if (target / name).is_dir()]
+            if folders:
+                raise WriteError(
+                    f"'{target / folders[0]}' is a folder, where a file is to be written; expected no folder of that "
+                    "name: move it, or name another place"
+                )
+            for name in ordered:
                 os.replace(Path(scratch) / name, target / name)
     except OSError as error:
         raise WriteError(
