@@ -74,7 +74,7 @@ def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) 
     ):
         raise UnitError(
             f"{what} is in {header.unit!r} by its header and in {column.unit!r} by the settings; expected one unit: "
-            "correct the wrong one, or set override=True if it is the header"
+            "correct the wrong one, or set override (True, in a job true) if it is the header"
         )
     guessed = unit is None
     if unit is None:
