@@ -134,6 +134,11 @@ def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
         return _encode_array(value, where)
     if is_dataclass(value) and not isinstance(value, type):
         name = type(value).__name__
+        if known.get(name) is not type(value) and type(value).__module__.startswith("slipangle."):
+            raise ParameterError(
+                f"{where} is of class {name}, which no model is made of; expected a model, tire or parameter set: "
+                "data are written by slipangle.write"
+            )
         if known.get(name) is not type(value):
             raise ParameterError(
                 f"{where} is of class {name}, which is not slipangle's own; expected it in classes=[...] of both "
