@@ -64,36 +64,41 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
         "start_times": tuple(map(float, data.start_times)),
         "n_samples": data.n_samples,
     }
-    steps = np.diff(y, axis=0, append=y[-1:])
-    within = _marked(steps, [(a, b - 1) for a, b in zip(data.starts, data.stops, strict=True)], MARKS // 4)
-    kept = within["lively"]
-    changes = Fingerprint(**place, **within | {key: within[key][kept] for key in ("rows", "marks", "lively")})
-    return Fingerprint(**place, **_marked(y, zip(data.starts, data.stops, strict=True)), changes=changes)
+    changed = _marked(y, data, 1)
+    lively = changed["lively"]
+    changes = Fingerprint(**place, **changed | {key: changed[key][lively] for key in ("rows", "marks", "lively")})
+    return Fingerprint(**place, **_marked(y, data, 0), changes=changes)
 
 
-def _marked(y: np.ndarray, experiments: Iterable[tuple[int, int]], marks: int = MARKS) -> dict[str, Any]:
-    """What a `Fingerprint` keeps of values, from the first row of each experiment to one past its last."""
-    samples = [_chosen(y, a, b, marks) for a, b in experiments]
+def _marked(y: np.ndarray, data: Dataset, steps: int) -> dict[str, Any]:
+    """What a `Fingerprint` keeps of the outputs' values, or of what they change in one step, fewer of these."""
+    marks = MARKS // 4 if steps else MARKS
+    samples = [_chosen(y, a, b, marks, steps) for a, b in zip(data.starts, data.stops, strict=True)]
     rows = np.concatenate([rows for rows, _ in samples])
     return {
         "rows": rows,
-        "marks": _folded(_row_numbers(y[rows[:, None] + np.arange(WINDOW)]).T),
+        "marks": _folded(_row_numbers(_windows(y, rows, steps)).T),
         "lively": np.concatenate([lively for _, lively in samples]),
         "low": y.min(axis=0, initial=np.inf),
         "high": y.max(axis=0, initial=-np.inf),
     }
 
 
-def _chosen(y: np.ndarray, first: int, stop: int, marks: int) -> tuple[np.ndarray, np.ndarray]:
+def _windows(y: np.ndarray, rows: np.ndarray, steps: int) -> np.ndarray:
+    """Values from each row on, or what they change in one step, shape (n_rows, WINDOW, n_outputs)."""
+    return np.diff(y[rows[:, None] + np.arange(WINDOW + steps)], n=steps, axis=1)
+
+
+def _chosen(y: np.ndarray, first: int, stop: int, marks: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows at which the windows of one experiment start, and which of those are lively."""
-    last = stop - WINDOW
+    last = stop - WINDOW - steps
     if last < first:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool)
     wanted = max(2, round(marks * (stop - first) / len(y)))
     rows, distinct = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=int)
     for count in (4 * wanted, 128 * wanted):  # a closer look where most of the record is at rest
         rows = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(np.int64))
-        ordered = np.sort(y[rows[:, None] + np.arange(WINDOW)].astype(np.float32), axis=1)
+        ordered = np.sort(_windows(y, rows, steps).astype(np.float32), axis=1)
         distinct = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1).max(axis=1, initial=0)
         if np.sum(distinct >= LIVELY) >= min(wanted, len(rows)):
             break
