@@ -60,7 +60,7 @@ def test_missing_numbers(bad):
         Dataset(values=values, channels=(Channel("x"), Channel("y")), dt=0.1)
 
 
-@pytest.mark.parametrize("fraction", [0, 1, -0.1, 1.5, float("nan")])
+@pytest.mark.parametrize("fraction", [0, 1, -0.1, 1.5, float("nan"), "a"])
 def test_bad_split(fraction):
     with pytest.raises(errors.ParameterError, match=r"between 0 and 1, such as 0\.7"):
         make().split(fraction)
@@ -122,6 +122,9 @@ def test_what_is_no_channel_no_row_and_no_data_set_is_said():
             data.head(n)
     with pytest.raises(errors.ParameterError, match=r"join\(\) got list; .*join\(\*parts\)"):
         join([data, data])
+    for given in ((np.ones(3), {"y": np.ones(3)}), ({"u": np.ones(3)}, [1.0, -1.0, 1.0])):  # as iddata takes them
+        with pytest.raises(errors.ParameterError, match=r"puts is a .*; expected channels by name, such as {'delta'"):
+            Dataset.from_arrays(*given, 0.1)
     with pytest.raises(errors.ParameterError, match=r"channels \['u'\] are given twice"):
         Dataset.from_arrays({"u": np.zeros(3)}, {"y": np.zeros(3)}, 0.1, extra={"u": np.ones(3)})
 

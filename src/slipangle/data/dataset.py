@@ -24,6 +24,7 @@ from slipangle.errors import (
     TooShortError,
     UnitError,
     nearest,
+    shown,
 )
 from slipangle.shown import Brief, Shown
 
@@ -134,13 +135,18 @@ class Dataset(InFrames, Shown, Equal):
         """One experiment from one array per channel, shape (n_samples,), already in SI units.
 
         ``extra`` are channels that are neither input nor output. ``units`` are for reports; by default those of the
-        nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats, or a channel is no
-        row of real numbers.
+        nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats, channels come
+        without names, or one is no row of real numbers.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
         (5, (5, 1))
         """
+        for what, given in {"inputs": inputs, "outputs": outputs, "extra": extra or {}}.items():
+            if not hasattr(given, "keys"):
+                raise ParameterError(
+                    f"{what} is a {type(given).__name__}; expected channels by name, such as {{'delta': array}}"
+                )
         names = [*inputs, *outputs, *(extra or {})]
         if twice := sorted({n for n in names if names.count(n) > 1}):
             raise ParameterError(f"channels {twice} are given twice; expected each as input, output or extra: rename")
@@ -335,8 +341,10 @@ class Dataset(InFrames, Shown, Equal):
         >>> train.n_samples, test.n_samples, round(float(test.t[0]), 9)
         (7, 3, 0.7)
         """
-        if not 0 < fraction < 1:
-            raise ParameterError(f"the training share is {fraction}; expected a number between 0 and 1, such as 0.7")
+        if not (isinstance(fraction, Real) and 0 < fraction < 1):
+            raise ParameterError(
+                f"the training share is {shown(fraction)}; expected a number between 0 and 1, such as 0.7"
+            )
         n = round(fraction * self.n_samples)
         if n < 2 or self.n_samples - n < 2:
             raise TooShortError(
