@@ -74,6 +74,7 @@ PLANTED = {
     "sign of v_y": (changed("v_y", np.negative), "v_y moves against r at low speed"),
     "v_y in km/h": (changed("v_y", lambda v: 3.6 * v), "logged in km/h or another unit"),
     "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
+    "side slip angle": (changed("v_y", lambda v: np.arctan2(v, clean()["v_x"])), "v_y moves as a side slip angle does"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
 }
 
