@@ -392,3 +392,8 @@ def test_a_spike_at_an_end_leaves_its_neighbours_as_they_are(row):
     assert [s.row for s in spikes] == found
     assert np.flatnonzero(mended["r"] != bad).tolist() == found
     assert mended["r"][found] == pytest.approx(y[found], abs=0.11)
+
+
+def test_a_recording_that_comes_twice_is_said_to():
+    (said,) = doubts(join(session(0), session(1), session(0)), wheelbase=LENGTH)
+    assert said.startswith("recording 3 has the samples of recording 1 again")

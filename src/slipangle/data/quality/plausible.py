@@ -12,7 +12,7 @@ from slipangle.data.quality.events import runs
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
 from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
-from slipangle.data.recordings import recordings
+from slipangle.data.recordings import recordings, repeated
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
 # told, and what explains it.
@@ -70,9 +70,14 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     parts = {k: _part(data, of == k) for k in long} if len(long) > 1 else {}
     each = {k: _doubts(part, wheelbase) for k, part in parts.items()}
     sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
+    again = [
+        f"recording {j + 1} has the samples of recording {i + 1} again: they count twice, and intervals are too "
+        "narrow; leave one out"
+        for i, j in repeated([_part(data, of == k) for k in dict.fromkeys(of)], ("delta", "r"))
+    ]
     if 2 * len(sound) < len(each) or len(sound) == len(each):  # the same mistake looks otherwise at another speed
-        return _doubts(data, wheelbase)
-    said = [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
+        return (*again, *_doubts(data, wheelbase))
+    said = again + [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
     others = np.isin(of, [k for k, one in each.items() if one], invert=True)
     return (*said, *_doubts(_part(data, others), wheelbase))
 
