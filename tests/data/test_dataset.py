@@ -165,8 +165,8 @@ def test_join_refuses_what_does_not_fit():
         join(a, make(5, dt=0.02))
     with pytest.raises(errors.MissingColumnError):
         join(a, Dataset.from_arrays({"u": np.zeros(3)}, {"z": np.zeros(3)}, 0.01))
-    with pytest.raises(errors.UnitError, match="'deg' in 'data' and in 'rad' in 'data'"):
-        join(a, a.with_channel("u", np.zeros(5), "deg"))
+    with pytest.raises(errors.UnitError, match="'m' in 'data' and in 'rad' in 'data'"):
+        join(a, a.with_channel("u", np.zeros(5), "m"))
     assert join(a, make(5, notes=("one", "two"))).notes == ("one", "two")
 
 
@@ -178,7 +178,25 @@ def test_join_says_which_channels_it_leaves_out():
 def test_channels_of_the_nomenclature_have_their_units():
     data = Dataset.from_arrays({"delta": np.zeros(3), "u": np.zeros(3)}, {"r": np.zeros(3)}, 0.1, units={"u": "V"})
     assert [c.unit for c in data.channels] == ["rad", "V", "rad/s"]
-    assert Dataset.from_arrays({"delta": np.zeros(3)}, {}, 0.1, units={"delta": "deg"}).unit("delta") == "deg"
+    assert Dataset.from_arrays({"delta": np.zeros(3)}, {}, 0.1, units={"delta": "-"}).unit("delta") == "-"
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"), [("deg", "rad"), ("km/h", "m/s"), ("kmh", "m/s"), ("g", "m/s2"), ("%", "-"), ("ms", "s")]
+)
+def test_units_other_than_si_are_refused(unit, si):
+    said = rf"channel 'z' is in '{unit}'; expected SI units, '{si}': give .*from_frame\(\)"
+    z, data = np.ones(3), make(3)
+    with pytest.raises(errors.UnitError, match=said):
+        Dataset.from_arrays({"z": z}, {}, 0.1, units={"z": unit})
+    with pytest.raises(errors.UnitError, match=said):
+        data.with_channel("z", z, unit)
+    with pytest.raises(errors.UnitError, match=said):
+        Dataset(values=z, channels=(Channel("z", unit),), dt=0.1)
+    with pytest.raises(errors.UnitError, match="unit of channel 'z' is None; expected text"):
+        data.with_channel("z", z, None)
+    for free in ("m/s^2", "rad m/s", "(kN/m)/s", "", "1", si):
+        assert data.with_channel("z", z, free).unit("z") == free
 
 
 def test_order_of_channels_does_not_matter_to_join():
@@ -216,9 +234,9 @@ def test_select_and_with_channel():
     more = data.with_channel("z", np.arange(100) * 2.0, "m")
     assert more.names == ("u", "y", "z")
     assert more.unit("z") == "m"
-    replaced = more.with_channel("u", np.zeros(100), "deg")
+    replaced = more.with_channel("u", np.zeros(100), "m")
     assert replaced.names == ("u", "y", "z")
-    assert replaced.unit("u") == "deg"
+    assert replaced.unit("u") == "m"
     assert data["u"][5] == 5.0
     assert data.with_note("seen").notes == ("seen",)
 
@@ -320,7 +338,7 @@ def test_equal_data_are_equal_and_have_one_hash():
     "change",
     [
         lambda d: d.with_channel("u", d["u"] + 1e-12, "rad"),
-        lambda d: d.with_channel("u", d["u"], "deg"),
+        lambda d: d.with_channel("u", d["u"], "m"),
         lambda d: d.with_channel("w", d["u"]),
         lambda d: d.with_note("touched"),
         lambda d: d.select(inputs=()),

@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from slipangle import units as unit_table
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import at_rate
 from slipangle.data.frames import InFrames
@@ -24,6 +25,7 @@ from slipangle.errors import (
     TooShortError,
     UnitError,
     nearest,
+    shown,
 )
 from slipangle.shown import Brief, Shown
 
@@ -48,8 +50,8 @@ class Dataset(InFrames, Shown, Equal):
     A gap in a log ends one experiment and starts the next: nothing is interpolated across it.
 
     Raises NotFiniteError or MissingColumnError if a value is NaN or infinite, or an input or output is not a channel,
-    ParameterError or SampleTimeError if counts of columns, names or experiments do not match, a name repeats, or the
-    sample time is not positive.
+    UnitError if a channel's unit is known and not SI, ParameterError or SampleTimeError if counts of columns, names or
+    experiments do not match, a name repeats, or the sample time is not positive.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ class Dataset(InFrames, Shown, Equal):
             )
         if len(set(self.names)) != len(self.names):
             raise ParameterError(f"channel names repeat in {list(self.names)}; expected each once: rename one")
+        for channel in self.channels:
+            _require_si(channel)
         if not isinstance(self.dt, Real) or not self.dt > 0:
             raise SampleTimeError(f"the sample time is {self.dt!r} s; expected a positive number: check the clock")
         if len(self.starts) != len(self.start_times):
@@ -133,9 +137,9 @@ class Dataset(InFrames, Shown, Equal):
     ) -> Self:
         """One experiment from one array per channel, shape (n_samples,), already in SI units.
 
-        ``extra`` are channels that are neither input nor output. ``units`` are for reports; by default those of the
-        nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats, or a channel is no
-        row of real numbers.
+        ``extra`` are channels that are neither input nor output. ``units`` name the SI units, and convert nothing; by
+        default those of the nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats,
+        or a channel is no row of real numbers, UnitError if a unit is known and not SI.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
@@ -446,6 +450,22 @@ def require_dataset(data: object, who: str, fix: str = "read() a log, or make on
     """Raise a ParameterError unless it is a `Dataset`; ``who`` got it."""
     if not isinstance(data, Dataset):
         raise ParameterError(f"{who} {type(data).__name__}; expected a Dataset: {fix}")
+
+
+def _require_si(channel: Channel) -> None:
+    """Raise a UnitError if a channel's numbers are in another unit than SI by its own words; what is no unit may stand.
+
+    Nobody converts after this: degrees would count as radians everywhere.
+    """
+    unit = channel.unit
+    if not isinstance(unit, str):
+        raise UnitError(f"the unit of channel '{channel.name}' is {shown(unit)}; expected text, such as 'm/s' or '-'")
+    if unit_table.known(unit) and unit_table.canonical(unit) != unit_table.si_unit(unit):
+        raise UnitError(
+            f"channel '{channel.name}' is in {shown(unit)}; expected SI units, {shown(unit_table.si_unit(unit))}: give "
+            f"slipangle.units.to_si(values, {shown(unit)}), or let from_frame() convert a column called "
+            f"'{channel.name} [{unit}]'"
+        )
 
 
 def _numbers(name: str, values: object) -> np.ndarray:
