@@ -36,14 +36,15 @@ _UNITS = {unit: (what, si, factor) for what, (si, units) in _QUANTITIES.items() 
 _ALIASES = {
     **dict.fromkeys(("", "1"), "-"),
     **dict.fromkeys(("kmh", "kmph", "kph"), "km/h"),
-    **dict.fromkeys(("m/s^2", "m/s²"), "m/s2"),
-    **dict.fromkeys(("degree", "degrees", "°"), "deg"),
-    **dict.fromkeys(("°/s", "dps", "deg/sec", "degrees/s", "degrees/sec"), "deg/s"),
-    **dict.fromkeys(("rad/sec", "radians/s", "radians/sec"), "rad/s"),
-    **dict.fromkeys(("m/sec", "meters/s", "mps"), "m/s"),
+    **dict.fromkeys(("m/s^2", "m/s²", "m s-2"), "m/s2"),
+    **dict.fromkeys(("degree", "degrees", "°", "degrees_north", "degrees_east"), "deg"),
+    **dict.fromkeys(("°/s", "dps", "deg/sec", "degrees/s", "degrees/sec", "deg s-1", "degree s-1"), "deg/s"),
+    **dict.fromkeys(("rad/sec", "radians/s", "radians/sec", "rad s-1"), "rad/s"),
+    **dict.fromkeys(("m/sec", "meters/s", "mps", "m s-1"), "m/s"),
+    **dict.fromkeys(("sec", "second", "seconds"), "s"),
     **dict.fromkeys(("radian", "radians"), "rad"),
     **dict.fromkeys(("newton", "n"), "N"),
-    **{"percent": "%", "meter": "m", "kg": "kg", "nm": "N m", "kg*m^2": "kg m2", "sec": "s", "days": "d"},
+    **{"percent": "%", "meter": "m", "kg": "kg", "nm": "N m", "kg*m^2": "kg m2", "days": "d"},
 }
 
 

@@ -266,10 +266,21 @@ def _in_node(node: Any, way: str, path: Path, depth: int, named: Named) -> Itera
     address = node.name
     if len(shape) == 1 or min(shape) == 1:
         if node.size >= _FEWEST:
-            yield Vector(way, int(node.size), lambda: _loaded(path, address, None))
+            yield Vector(way, int(node.size), lambda: _loaded(path, address, None), _unit_of(node))
     elif "MATLAB_class" in node.attrs and shape[0] <= _WIDEST and shape[1] > shape[0]:  # stored row by row
         for k in range(shape[0]):
-            yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k))
+            yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k), _unit_of(node))
+
+
+def _unit_of(node: Any) -> str | None:
+    """The unit that a dataset names in its attributes, as NetCDF and NeXus files do; of time, without its origin."""
+    for name in node.attrs:
+        if name.lower() in _UNIT:
+            text = next(iter(np.ravel(node.attrs[name])), None)
+            text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+            if isinstance(text, str) and text.strip():
+                return text.partition(" since ")[0].strip()
+    return None
 
 
 def _in_group(node: Any, way: str, path: Path, depth: int, named: Named) -> Iterator[Vector]:
