@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import interpolate, signal
 
-from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
+from slipangle.errors import NotFiniteError, SampleTimeError, SlipangleError, TimeError, TooShortError
 
 JITTER, GAP = 0.2, 1.5  # variation of a step, as a share of it, that is put up with unasked; steps of a gap
 _DAY, _NIGHT = 86400.0, 600.0  # s of a day, and between two rows at most where times of day begin anew at midnight
@@ -126,6 +126,26 @@ def find_grid(
     if not exact:
         notes += _jitter_note(t, steps, dt, jitter, gap, row_name, what)
     return TimeGrid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
+
+
+def even_clock(t: np.ndarray, first: float, step: float) -> tuple[float, float]:
+    """First instant from ``first`` on, and sample time, of the grid that rising stamps lie on. [s]
+
+    Of stamps that lie on none ``first`` itself, and the usual ``step`` at a round rate.
+
+    >>> t = np.arange(4096) / 1024
+    >>> begin, dt = even_clock(t, 0.0037, 1 / 1024)
+    >>> 1024 * begin, 1 / dt
+    (4.0, 1024.0)
+    """
+    try:
+        own = find_grid(t)
+    except SlipangleError:  # gaps everywhere, two rates
+        own = None
+    if own is None or not own.exact:
+        return first, 1 / float(f"{1 / step:.3g}")
+    at = float(t[np.searchsorted(t, first)])
+    return at - own.dt * int((at - first) / own.dt + 1e-6), own.dt
 
 
 def lost(t: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import slipangle as sa
 from slipangle.data.race import equirectangular
 from slipangle.data.readers import open_log
 from slipangle.data.readers.recording import Recording
+from slipangle.data.readers.tables import ArrayTable, Header
 from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, TimeError
 from tests.data.readers.logs import (
     LdChannel,
@@ -241,8 +242,29 @@ def test_a_file_beside_a_file_brings_more_channels(tmp_path):
     wheel.write_text("t,angle\n" + "\n".join(f"{far + t:.6f},{a:.9f}" for t, a in rows))
     data = sa.read(imu, {"delta": "angle", "r": "yaw"}, beside=[wheel], inputs=["delta"], outputs=["r"])
     assert data.dt == pytest.approx(0.01)
-    at = data.t + 0.01  # the clock begins with the first instant that both have
-    np.testing.assert_allclose(data["r"], np.interp(at - 0.01 + 0.0031, MADE.t, MADE.r), atol=1e-4)
+    at = data.t + 0.01  # the clock is that of the faster one, from its first sample on that both have
+    np.testing.assert_allclose(data["r"], np.interp(at, MADE.t, MADE.r), atol=1e-6)
+    np.testing.assert_allclose(data["delta"], np.interp(at, MADE.t, MADE.delta), atol=1e-4)
+
+
+@pytest.mark.parametrize("rate", [1024.0, 102.4, 128.5, 256.0, 60.0, 100.0])
+@pytest.mark.parametrize("late", [0.0, 0.0037])
+def test_the_fastest_channel_is_not_interpolated_when_others_are_put_on_its_clock(rate, late):
+    t, slow = np.arange(int(4 * rate)) / rate, 0.1 * np.arange(38) + late
+    fast = np.sin(2 * np.pi * 0.1 * rate * t)
+    tables = {
+        topic: ArrayTable(
+            name=topic,
+            headers=(Header(text="t", name="t", unit="s"), Header(text=name, name=name, unit="m")),
+            values=np.column_stack([stamps, values]),
+        )
+        for topic, name, stamps, values in (("one", "a", t, fast), ("two", "b", slow, np.cos(slow)))
+    }
+    data = Recording(name="run", tables=tables).resample(columns={"a": "a", "b": "b"})
+    assert data.dt == pytest.approx(1 / rate, rel=1e-9)
+    assert late <= data.t[0] < late + 1 / rate
+    np.testing.assert_allclose(data["a"], np.sin(2 * np.pi * 0.1 * rate * data.t), atol=1e-9)
+    np.testing.assert_allclose(data["b"], np.cos(data.t), atol=2e-3)
 
 
 def test_a_silent_topic_is_a_gap(tmp_path):

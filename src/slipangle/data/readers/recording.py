@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.data.clock import even_clock
 from slipangle.data.dataset import Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.headings import TURN, is_heading, unwrapped, wrap_note, wraps
@@ -273,14 +274,15 @@ def _merged(
             f"{shown(series[first[1]].name)} begins at {first[0]:.9g} s; expected channels of one drive on one clock: "
             "check the time columns and their units"
         )
-    step = 1 / float(f"{1 / step:.3g}")
+    fastest = next(s for s in series.values() if s.dt <= 1.001 * step)
+    begin, step = even_clock(fastest.t, first[0], step)
     if (last[0] - first[0]) / step * len(series) > _MOST:
         raise TooShortError(
             f"'{recording.name}' spans {last[0] - first[0]:.3g} s at {1 / step:.3g} Hz, more than {_MOST:.0e} numbers; "
             "expected a drive: check the unit of its time, or choose fewer channels"
         )
-    origin = first[0] if abs(first[0]) > 1e7 else 0.0  # seconds since 1970, or of a long uptime
-    grid = first[0] + step * np.arange(int((last[0] - first[0]) / step + 1e-6) + 1)
+    origin = begin if abs(begin) > 1e7 else 0.0  # seconds since 1970, or of a long uptime
+    grid = begin + step * np.arange(int((last[0] - begin) / step + 1e-6) + 1)
     values = np.column_stack([grid - origin, *(_onto(grid, s) for s in series.values())])
     slow = [f"{k} at {1 / s.dt:.3g}" for k, s in series.items() if s.dt > 1.05 * step]
     if slow:
