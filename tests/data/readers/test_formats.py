@@ -318,6 +318,16 @@ def test_odd_labels_of_a_matlab_file_leave_its_numbers_findable(write, tmp_path)
     }
 
 
+@pytest.mark.parametrize("write", [write_mat5, write_mat73])
+def test_columns_of_a_matrix_of_a_matlab_file_are_counted_and_in_no_unit(write, tmp_path):
+    matrix = np.column_stack([20 + MADE.t, MADE.delta, MADE.r])
+    log = open_log(write(tmp_path / "x.mat", {"t": MADE.t[:, None], "M": matrix}))
+    assert set(log.names) == {"t", "M(1)", "M(2)", "M(3)"}
+    data = log.resample(None, {"v_x": "M(1)", "r": "M(3)"})
+    np.testing.assert_array_equal(data["v_x"], matrix[:, 0])
+    assert "no unit named for v_x, r: taken as SI" in data.notes
+
+
 @pytest.mark.parametrize("day", [738000.25, 46143.25], ids=["datenum", "spreadsheet"])
 def test_dates_in_days_are_asked_for_by_their_unit(tmp_path, day):
     t = day + MADE.t / 86400

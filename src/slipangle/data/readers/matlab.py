@@ -11,6 +11,7 @@ References
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -160,7 +161,8 @@ def _table(vectors: list[Vector], clock: str, topic: str, path: Path, units: Map
     for v in vectors:
         name = v.way.removeprefix(f"{topic}.")
         name = "t" if v.way == clock else name
-        found = parse_heading(name)
+        column = re.search(r"\(\d+\)$", name)  # of a matrix: M(1) is in no unit 1
+        found = Header(text=name, name=name) if column else parse_heading(name)
         headers.append(Header(text=name, name=found.name, unit=units.get(name, v.unit or found.unit)))
     return LazyTable(name=f"'{path.name}'", headers=tuple(headers), load=lambda i: vectors[i].load())
 
