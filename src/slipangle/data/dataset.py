@@ -398,10 +398,12 @@ class Dataset(InFrames, Shown, Equal):
         data = self.unwrapped()
         pieces = [at_rate(part.values, self.dt, dt, corner) for part in data.experiments]
         starts = tuple(np.cumsum([0, *map(len, pieces[:-1])]).tolist())
-        how = f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz" + (
-            f" after a zero-phase low-pass at {corner:g} Hz" if corner is not None else ""
+        how = "" if isclose(dt, self.dt) else f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz"
+        if corner is not None:
+            how += f"{' after a' if how else 'a'} zero-phase low-pass at {corner:g} Hz"
+        return replace(
+            self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, *([how] if how else []))
         )
-        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, how))
 
     def hold_mean(self) -> Self:
         """Each input as its mean over the interval to the next sample, instead of its value at the sample.

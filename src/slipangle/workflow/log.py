@@ -250,8 +250,10 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
     """Despiked and resampled as asked; each step leaves a note."""
     for channel in settings.data.despike:
         data, _ = despike(data, channel)
-    rate = settings.data.rate
-    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+    rate, cutoff = settings.data.rate, settings.data.cutoff
+    if rate is None or math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+        data = data if cutoff is None else data.resample(data.dt, cutoff=cutoff)
+    else:
         longest = data.n_longest * data.dt
         cells = data.duration * rate * len(data.channels)
         if longest * rate < _FEWEST or cells > _CELLS:
@@ -260,7 +262,7 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
                 f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
                 f"logged at {1 / data.dt:.4g} Hz"
             )
-        data = data.resample(1 / rate, cutoff=settings.data.cutoff)
+        data = data.resample(1 / rate, cutoff=cutoff)
     data = _without_crumbs(data)
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)

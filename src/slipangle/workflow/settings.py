@@ -96,7 +96,7 @@ class DataSettings:
     rate : float
         What the log is resampled to, after a zero-phase low-pass. [Hz]
     cutoff : float
-        Of that low-pass; by default 0.4 times the rate. [Hz]
+        Of that low-pass; by default 0.4 times the rate. Without a rate the log is low-passed at its own. [Hz]
     despike : tuple of str
         Channels whose spikes are replaced by what lies between their neighbours.
     hold : str
