@@ -308,9 +308,22 @@ def test_speeding_up_is_linear_and_never_overshoots():
     assert step["u"].max() == 1.0
 
 
+def test_a_higher_rate_is_said_to_interpolate():
+    data = make(100)
+    fast = data.resample(0.0025)
+    said = "what is between the samples is interpolated, not measured; sample time before: 0.01 s"
+    assert fast.notes == ("resampled from 100 to 400 Hz", said)
+    assert (data.dt_recorded, fast.dt_recorded, fast.resample(0.001).dt_recorded) == (0.01, 0.01, 0.01)
+    assert fast.resample(0.05).dt_recorded == 0.05
+    assert data.resample(0.0099).notes == ("resampled from 100 to 101.01 Hz",)  # a clock that is off
+
+
 def test_same_rate_changes_nothing():
     data = make()
-    np.testing.assert_array_equal(data.resample(0.01).values, data.values)
+    same = data.resample(0.01)
+    np.testing.assert_array_equal(same.values, data.values)
+    assert same.notes == ()
+    assert data.resample(0.01, cutoff=5.0).notes == ("a zero-phase low-pass at 5 Hz",)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 20])

@@ -32,6 +32,8 @@ from slipangle.shown import Brief, Shown
 _MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
 
 MEANS, HELD = "inputs are means over each sample interval", "inputs are held for a sample"  # notes of `hold_...`
+BETWEEN = "what is between the samples is interpolated, not measured; sample time before: "  # note of `resample`, and s
+_FASTER = 1.02  # a rate that is higher by more is no clock that is off
 
 
 @dataclass(frozen=True)
@@ -261,6 +263,12 @@ class Dataset(InFrames, Shown, Equal):
     def __len__(self) -> int:
         return self.n_samples
 
+    @property
+    def dt_recorded(self) -> float:
+        """Sample time before `resample` interpolated between the samples; `dt` where it did not. [s]"""
+        before = [float(n.removeprefix(BETWEEN).split()[0]) for n in self.notes if n.startswith(BETWEEN)]
+        return max([self.dt, *before[:1]])
+
     # ---- making new ones ---------------------------------------------------------------------------------------
 
     def select(self, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Self:
@@ -401,9 +409,10 @@ class Dataset(InFrames, Shown, Equal):
         how = "" if isclose(dt, self.dt) else f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz"
         if corner is not None:
             how += f"{' after a' if how else 'a'} zero-phase low-pass at {corner:g} Hz"
-        return replace(
-            self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, *([how] if how else []))
-        )
+        said = [how] if how else []
+        if self.dt > _FASTER * dt:
+            said.append(f"{BETWEEN}{self.dt:.12g} s")
+        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, *said))
 
     def hold_mean(self) -> Self:
         """Each input as its mean over the interval to the next sample, instead of its value at the sample.
