@@ -108,6 +108,18 @@ def test_a_low_pass_is_run_at_the_logs_own_rate_too(tmp_path, rate):
     np.testing.assert_allclose(raw["delta"], delta, atol=1e-9)
 
 
+@pytest.mark.parametrize("rate", ["", "rate = 8", "rate = 15"])
+@pytest.mark.parametrize("first", [200, 201, 203])
+def test_rows_of_the_training_files_are_no_test_whatever_they_are_resampled_to(drives, tmp_path, rate, first):
+    head, *rows = (drives / "day1.csv").read_text().splitlines()
+    (tmp_path / "part.csv").write_text("\n".join([head, *rows[first:]]) + "\n")
+    (tmp_path / "day1.csv").write_text((drives / "day1.csv").read_text())
+    path = job(tmp_path, train='"day1.csv"', test='"part.csv"', data=rate)
+    n = 500 - first
+    with pytest.raises(ParameterError, match=rf"{n} of {n} rows of 'part' .* are rows of 'day1', too"):
+        read_logs(read_settings(path))
+
+
 def test_a_corner_that_the_log_cannot_have_is_refused(drives):
     with pytest.raises(
         ParameterError, match=r"corner is 400\.0 Hz; expected between 0 and half the sample rate, 10 Hz"
