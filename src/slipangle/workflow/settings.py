@@ -29,7 +29,7 @@ class ColumnSettings:
     column : str
         Name in the file's header, with or without its unit.
     unit : str
-        Unit of the file's numbers; by default the one in the header.
+        Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
     scale, offset : float
         Of raw counts: physical = scale * raw + offset, in ``unit``.
     sign : int

@@ -66,6 +66,34 @@ def test_headings(text, name, unit):
     assert (heading.name, heading.unit) == (name, unit)
 
 
+@pytest.mark.parametrize(
+    ("channel", "heading", "factor"),
+    [
+        ("v_x", "speed_kmh", 1 / 3.6),
+        ("v_x", "GroundSpeedMph", 0.44704),
+        ("v_x", "speed_mps", 1.0),
+        ("v_x", "speed m/s", 1.0),
+        ("delta", "steer_deg", np.pi / 180),
+        ("r", "yaw_rate_dps", np.pi / 180),
+        ("r", "r_rad_s", 1.0),
+        ("a_y", "lat_acc_g", 9.80665),
+        ("a_y", "ayCoG", 1.0),
+        ("omega_f", "wheel_rpm", np.pi / 30),
+    ],
+)
+def test_a_unit_that_a_heading_ends_with_is_taken(log, channel, heading, factor):
+    x = 1 + 0.3 * np.sin(0.1 * np.arange(50))
+    path = log(f"time_ms,{heading}\n" + "\n".join(f"{20 * k},{v:.9f}" for k, v in enumerate(x)))
+    data = read_csv(path, {channel: heading}, time="time_ms")
+    assert data.dt == pytest.approx(0.02)
+    np.testing.assert_allclose(data[channel], factor * x, rtol=1e-7)
+    told = f"units that headings end with: {channel} in " if heading != "ayCoG" else f"no unit named for {channel}"
+    assert any(note.startswith(told) for note in data.notes)
+    scaled = read_csv(path, {channel: Column(heading, scale=0.5)}, time=Column("time_ms", scale=0.001))
+    np.testing.assert_allclose(scaled[channel], 0.5 * x, rtol=1e-7)  # who scales without a unit makes SI units
+    assert scaled.dt == pytest.approx(0.02)
+
+
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   ", "|", " | "])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_separators_and_line_ends(log, delimiter, newline):

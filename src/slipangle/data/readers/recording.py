@@ -12,7 +12,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.headings import TURN, is_heading, unwrapped, wrap_note, wraps
 from slipangle.data.readers.column import Column
-from slipangle.data.readers.columns import assemble, time_of
+from slipangle.data.readers.columns import assemble
+from slipangle.data.readers.stamps import time_of
 from slipangle.data.readers.tables import ArrayTable, ChannelTable, Header
 from slipangle.errors import (
     MissingColumnError,
