@@ -128,6 +128,22 @@ def test_a_line_of_units_under_the_heading(log):
     assert data["r"][3] == steady()[3][2]
 
 
+@pytest.mark.parametrize("none", ["-", "[-]", "none", "n/a", "1", "", "()"])
+@pytest.mark.parametrize("above", ["", "Logger 7\nDriver,A. Driver\n\n"])
+def test_a_number_without_unit_has_any_word_for_that_in_the_line_of_units(log, none, above):
+    rows = [["s", "[km/h]", none], *([0.01 * k, 72 + k, k] for k in range(12))]
+    data = read_csv(log(above + table(rows, "t,v_x,gear")))
+    np.testing.assert_allclose(data["v_x"], (72 + np.arange(12)) / 3.6)
+    np.testing.assert_array_equal(data["gear"], np.arange(12))
+
+
+@pytest.mark.parametrize("first", ["1,nan,N", "nan,nan,nan", "0,-,-"])
+def test_a_row_of_data_with_missing_cells_is_no_line_of_units(log, first):
+    rest = "\n".join(f"{1 + k},{k},{k}" for k in range(1, 12))
+    seen = open_log(log(f"t,a,b\n{first}\n{rest}\n")).tables[""]
+    assert [h.unit for h in seen.headers] == [None] * 3
+
+
 def test_columns_by_position_without_heading(log):
     text = table(steady()).split("\n", 1)[1]
     data = read_csv(log(text, "run.dat"), {"delta": Column(1, "rad"), "r": Column(-1, "rad/s")}, time=Column(0))
