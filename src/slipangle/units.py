@@ -4,10 +4,12 @@
 """
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -46,6 +48,9 @@ _ALIASES = {
     **dict.fromkeys(("newton", "n"), "N"),
     **{"percent": "%", "meter": "m", "kg": "kg", "nm": "N m", "kg*m^2": "kg m2", "days": "d"},
 }
+
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[°%]")  # of a name, CamelCase and snake_case
 
 
 def canonical(unit: str) -> str:
@@ -93,6 +98,38 @@ def quantity(unit: str) -> str:
     'angular rate'
     """
     return _UNITS[canonical(unit)][0]
+
+
+def ending(name: str, what: str) -> tuple[str, str | None]:
+    """A name without the unit it ends with, where that is one of the quantity ``what``, and the unit.
+
+    A unit of one letter is one only after a stroke or a blank: the end of ayCoG is none.
+
+    >>> ending("speed_kmh", "speed"), ending("yawRateRad_s", "angular rate"), ending("ay m/s²", "acceleration")
+    (('speed', 'km/h'), ('yawRate', 'rad/s'), ('ay', 'm/s2'))
+    >>> ending("delta_r", "angle"), ending("time_ms", "speed"), ending("deg", "angle")
+    (('delta_r', None), ('time', 'm/s'), ('deg', None))
+    >>> ending("ayCoG", "acceleration"), ending("ay_g", "acceleration")
+    (('ayCoG', None), ('ay', 'g'))
+    """
+    words = list(_WORD.finditer(name.replace("²", "2")))
+    for first in range(max(1, len(words) - 4), len(words)):
+        at, text = words[first].start(), "".join(w[0] for w in words[first:]).lower()
+        if text in _spelled(what) and (len(text) > 1 or not name[at - 1].isalnum()):
+            return name[:at].rstrip(" _-.,/"), _spelled(what)[text]
+    return name, None
+
+
+@cache
+def _spelled(what: str) -> dict[str, str]:
+    """Units of a quantity as names are written, without strokes and blanks."""
+    written = {**_ALIASES, **{unit: unit for unit in _UNITS}}
+    return {
+        re.sub(r"[\s/*^.-]", "", text.replace("/", stroke)).lower(): unit
+        for stroke in ("/", "p", "per")
+        for text, unit in written.items()
+        if _UNITS[unit][0] == what and re.search("[a-z°%]", text.lower())
+    }
 
 
 def to_si(values: np.ndarray | float, unit: str, *, expected: str | None = None, what: str = "value") -> np.ndarray:

@@ -84,6 +84,23 @@ def test_split_too_short():
 def test_a_channel_that_is_no_row_of_numbers_is_refused(values, said):
     with pytest.raises(errors.ParameterError, match=rf"channel 'u' {said}; expected one real number a sample"):
         Dataset.from_arrays({"u": values}, {"y": [1.0, 2.0]}, 0.1)
+    with pytest.raises(errors.ParameterError, match=rf"channel 'u' {said}; expected one real number a sample"):
+        make(2).with_channel("u", values)
+
+
+@pytest.mark.parametrize("kind", [float, np.float32, int])
+def test_masked_samples_are_missing(kind):
+    masked = np.ma.masked_greater(np.arange(100).astype(kind), 89)
+    table = np.ma.column_stack([masked, masked])
+    for make_it in (
+        lambda: Dataset.from_arrays({"u": masked}, {"y": np.zeros(100)}, 0.1),
+        lambda: make().with_channel("u", masked),
+        lambda: Dataset(values=table, channels=(Channel("u"), Channel("v")), dt=0.1),
+    ):
+        with pytest.raises(errors.NotFiniteError, match=r"channel 'u' holds 10 NaN .* at sample 90"):
+            make_it()
+    whole = np.ma.masked_greater(np.arange(100), 100)
+    np.testing.assert_array_equal(make().with_channel("u", whole)["u"], np.arange(100))
 
 
 def test_other_bad_requests():

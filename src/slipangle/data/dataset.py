@@ -80,7 +80,7 @@ class Dataset(InFrames, Shown, Equal):
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values, dtype=float)
+        values = np.asarray(without_mask(self.values), dtype=float)
         if values.flags.writeable:
             values = values.copy()  # the caller's array stays the caller's
         if values.ndim == 1:
@@ -141,7 +141,8 @@ class Dataset(InFrames, Shown, Equal):
 
         ``extra`` are channels that are neither input nor output. ``units`` name the SI units, and convert nothing; by
         default those of the nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats,
-        or a channel is no row of real numbers, UnitError if a unit is known and not SI.
+        or a channel is no row of real numbers, UnitError if a unit is known and not SI, NotFiniteError if samples are
+        missing, masked ones among them.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
@@ -150,7 +151,7 @@ class Dataset(InFrames, Shown, Equal):
         names = [*inputs, *outputs, *(extra or {})]
         if twice := sorted({n for n in names if names.count(n) > 1}):
             raise ParameterError(f"channels {twice} are given twice; expected each as input, output or extra: rename")
-        columns = {n: _numbers(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
+        columns = {n: real_row(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
         lengths = {len(c) for c in columns.values()}
         if len(lengths) > 1:
             raise ParameterError(f"channels have lengths {sorted(lengths)}; expected one length: cut them alike")
@@ -279,9 +280,9 @@ class Dataset(InFrames, Shown, Equal):
     def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
         """The data with one channel added or replaced: ``values``, shape (n_samples,), SI units.
 
-        Raises ParameterError if there are more or fewer values than samples.
+        Raises ParameterError if they are no real numbers, or more or fewer than samples.
         """
-        column, n = np.asarray(values, dtype=float).reshape(-1, 1), self.n_samples
+        column, n = real_row(name, values)[:, None], self.n_samples
         if len(column) != n:
             raise ParameterError(f"channel '{name}' has {len(column)} samples, the data have {n}; expected the same")
         if name in self:
@@ -479,10 +480,10 @@ def _require_si(channel: Channel) -> None:
         )
 
 
-def _numbers(name: str, values: object) -> np.ndarray:
-    """Of a channel, shape (n_samples,); raises ParameterError if they are none."""
+def real_row(name: str, values: object) -> np.ndarray:
+    """Numbers of a channel, shape (n_samples,), NaN where they are masked; raises ParameterError if they are none."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(without_mask(values))
         found = array.astype(float) if not np.iscomplexobj(array) else None
     except (TypeError, ValueError):
         found = None
@@ -491,6 +492,16 @@ def _numbers(name: str, values: object) -> np.ndarray:
     kinds = np.array(values, dtype=object)
     what = f"holds {kinds.flat[0]!r}" if found is None and kinds.size else f"has the shape {kinds.shape}"
     raise ParameterError(f"channel '{name}' {what}; expected one real number a sample: an array of shape (n_samples,)")
+
+
+def without_mask(values: object) -> object:
+    """The same with NaN (NaT of times) where a masked array masks it."""
+    if not np.ma.isMaskedArray(values):
+        return values
+    array = np.ma.asarray(values)
+    if array.dtype.kind in "mM":
+        return np.where(np.ma.getmaskarray(array), np.array("NaT", array.dtype), array.data)
+    return array.astype(np.result_type(array.dtype, float)).filled(np.nan)
 
 
 def join(*parts: Dataset, name: str | None = None) -> Dataset:

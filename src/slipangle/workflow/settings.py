@@ -29,7 +29,9 @@ class ColumnSettings:
     column : str
         Name in the file's header, with or without its unit.
     unit : str
-        Unit of the file's numbers; by default the one in the header.
+        Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
+    override : bool
+        Use ``unit`` even if the header names another one.
     scale, offset : float
         Of raw counts: physical = scale * raw + offset, in ``unit``.
     sign : int
@@ -42,6 +44,7 @@ class ColumnSettings:
 
     column: str = ""
     unit: str = ""
+    override: bool = False
     scale: Annotated[float, Within(-1e12, 1e12)] = 1.0
     offset: Annotated[float, Within(-1e12, 1e12)] = 0.0
     sign: Literal[1, -1] = 1
@@ -61,6 +64,7 @@ class ColumnSettings:
         return Column(
             self.column,
             self.unit or None,
+            override=self.override,
             scale=self.scale,
             offset=self.offset,
             sign=self.sign,

@@ -66,6 +66,34 @@ def test_headings(text, name, unit):
     assert (heading.name, heading.unit) == (name, unit)
 
 
+@pytest.mark.parametrize(
+    ("channel", "heading", "factor"),
+    [
+        ("v_x", "speed_kmh", 1 / 3.6),
+        ("v_x", "GroundSpeedMph", 0.44704),
+        ("v_x", "speed_mps", 1.0),
+        ("v_x", "speed m/s", 1.0),
+        ("delta", "steer_deg", np.pi / 180),
+        ("r", "yaw_rate_dps", np.pi / 180),
+        ("r", "r_rad_s", 1.0),
+        ("a_y", "lat_acc_g", 9.80665),
+        ("a_y", "ayCoG", 1.0),
+        ("omega_f", "wheel_rpm", np.pi / 30),
+    ],
+)
+def test_a_unit_that_a_heading_ends_with_is_taken(log, channel, heading, factor):
+    x = 1 + 0.3 * np.sin(0.1 * np.arange(50))
+    path = log(f"time_ms,{heading}\n" + "\n".join(f"{20 * k},{v:.9f}" for k, v in enumerate(x)))
+    data = read_csv(path, {channel: heading}, time="time_ms")
+    assert data.dt == pytest.approx(0.02)
+    np.testing.assert_allclose(data[channel], factor * x, rtol=1e-7)
+    told = f"units that headings end with: {channel} in " if heading != "ayCoG" else f"no unit named for {channel}"
+    assert any(note.startswith(told) for note in data.notes)
+    scaled = read_csv(path, {channel: Column(heading, scale=0.5)}, time=Column("time_ms", scale=0.001))
+    np.testing.assert_allclose(scaled[channel], 0.5 * x, rtol=1e-7)  # who scales without a unit makes SI units
+    assert scaled.dt == pytest.approx(0.02)
+
+
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   ", "|", " | "])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_separators_and_line_ends(log, delimiter, newline):
@@ -98,6 +126,22 @@ def test_a_line_of_units_under_the_heading(log):
     data = read_csv(log(table([["s", "deg", "rad/s"], *steady()])))
     assert data["delta"][3] == pytest.approx(np.deg2rad(steady()[3][1]), rel=1e-15)
     assert data["r"][3] == steady()[3][2]
+
+
+@pytest.mark.parametrize("none", ["-", "[-]", "none", "n/a", "1", "", "()"])
+@pytest.mark.parametrize("above", ["", "Logger 7\nDriver,A. Driver\n\n"])
+def test_a_number_without_unit_has_any_word_for_that_in_the_line_of_units(log, none, above):
+    rows = [["s", "[km/h]", none], *([0.01 * k, 72 + k, k] for k in range(12))]
+    data = read_csv(log(above + table(rows, "t,v_x,gear")))
+    np.testing.assert_allclose(data["v_x"], (72 + np.arange(12)) / 3.6)
+    np.testing.assert_array_equal(data["gear"], np.arange(12))
+
+
+@pytest.mark.parametrize("first", ["1,nan,N", "nan,nan,nan", "0,-,-"])
+def test_a_row_of_data_with_missing_cells_is_no_line_of_units(log, first):
+    rest = "\n".join(f"{1 + k},{k},{k}" for k in range(1, 12))
+    seen = open_log(log(f"t,a,b\n{first}\n{rest}\n")).tables[""]
+    assert [h.unit for h in seen.headers] == [None] * 3
 
 
 def test_columns_by_position_without_heading(log):

@@ -328,6 +328,29 @@ def test_columns_of_a_matrix_of_a_matlab_file_are_counted_and_in_no_unit(write, 
     assert "no unit named for v_x, r: taken as SI" in data.notes
 
 
+@pytest.mark.parametrize("origin", [0.0, 1.7e9])
+def test_a_channel_that_shortens_the_drive_is_named(tmp_path, origin):
+    """Its end or its begin is the merged log's, however long the others go on."""
+    k = np.arange(2000)
+    path = tmp_path / "x.csv"
+
+    def notes(x_there, y_there):
+        rows = zip(k, k < x_there, k >= y_there, strict=True)
+        cells = [f"{origin + 0.01 * n:.2f},{np.sin(0.01 * n) if a else ''},{n if b else ''}" for n, a, b in rows]
+        path.write_text("time [s],X [m],Y [m]\n" + "\n".join(cells))
+        data = sa.read(path, {"X": "X", "Y": "Y"}, nan="merge")
+        assert data.duration == pytest.approx(0.01 * (x_there - y_there), abs=0.03)
+        return [n for n in data.notes if n.startswith("merged")]
+
+    (up_to,) = notes(1000, 0)
+    assert up_to == "merged up to 9.99 s, where X ends: Y ends at 19.99 s"
+    both = notes(1500, 500)
+    begin, other, end = (0.0, -5.0, 9.99) if origin else (5.0, 0.0, 14.99)
+    assert both[0] == f"merged from {begin:g} s, where Y begins: X begins at {other:g} s"
+    assert both[1].startswith(f"merged up to {end:g} s, where X ends: Y ends at ")
+    assert notes(1980, 20) == []
+
+
 @pytest.mark.parametrize("day", [738000.25, 46143.25], ids=["datenum", "spreadsheet"])
 def test_dates_in_days_are_asked_for_by_their_unit(tmp_path, day):
     t = day + MADE.t / 86400

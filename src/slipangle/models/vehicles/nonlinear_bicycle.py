@@ -175,6 +175,6 @@ class NonlinearBicycle(OdeModel):
 
 
 def with_speed_derivative(data: Dataset) -> Dataset:
-    """The data with the channel v_x_dot, central differences of v_x inside each experiment. [m/s2]"""
-    parts = [np.gradient(part["v_x"], part.dt) for part in data.experiments]
+    """The data with the channel v_x_dot, central differences of v_x inside each experiment; 0 of one sample. [m/s2]"""
+    parts = [np.gradient(p["v_x"], p.dt) if len(p) > 1 else np.zeros(1) for p in data.experiments]
     return data.with_channel("v_x_dot", np.concatenate(parts), "m/s2")
