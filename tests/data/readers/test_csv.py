@@ -671,6 +671,38 @@ def test_a_damaged_date_is_named(log):
         read_csv(log("t,r\n" + "\n".join(f"{s},{k}" for k, s in enumerate(stamps))))
 
 
+def as_digits(seconds):
+    """hhmmss.ss, as NMEA and Racelogic write the time of day."""
+    minutes, s = divmod(round(100 * seconds), 6000)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours % 24:02d}{minutes:02d}{s // 100:02d}.{s % 100:02d}"
+
+
+@pytest.mark.parametrize("first", [3600 * 10 + 60 * 59 + 55.0, 86390.0, 12.5, 34 * 60.0])
+@pytest.mark.parametrize("step", [0.05, 1.0])
+def test_hours_minutes_and_seconds_in_one_number_are_a_time_of_day(tmp_path, first, step):
+    t = first + step * np.arange(round(130 / step))
+    path = tmp_path / "vbox.csv"
+    path.write_text("time,r [rad/s]\n" + "\n".join(f"{as_digits(x)},{x:.2f}" for x in t))
+    data = read(path)
+    assert data.dt == pytest.approx(step)
+    assert (data.n_samples, data.starts, data.start_times) == (len(t), (0,), pytest.approx((first,)))
+    text = as_digits(first)
+    said = f"hours, minutes and seconds in one number: {float(text):.2f} is {text[:2]}:{text[2:4]}:{text[4:]}"
+    assert any(said in note for note in data.notes)
+    assert any("midnight" in note for note in data.notes) == (first == 86390.0)
+
+
+@pytest.mark.parametrize("first", [0.0, 5.0, 105950.0, 1e6])
+def test_seconds_are_no_hours_and_minutes(log, first):
+    t = first + 0.05 * np.arange(3000)
+    data = read_csv(log("time,r [rad/s]\n" + "\n".join(f"{x:.2f},{x:.2f}" for x in t)))
+    assert (data.start_times, data.starts) == ((first,), (0,))
+    broken = np.concatenate([t[:900], t[:900] + 90])  # a gap elsewhere than between minutes
+    data = read_csv(log("time,r [rad/s]\n" + "\n".join(f"{x:.2f},{x:.2f}" for x in broken)))
+    assert (data.start_times[0], len(data.starts)) == (first, 2)
+
+
 @pytest.mark.parametrize("date", ["", "2024-04-03;"])
 def test_times_of_day_go_on_over_midnight(tmp_path, date):
     clock = [f"23:59:{58 + k / 10:06.3f}" if k < 20 else f"00:00:{k / 10 - 2:06.3f}" for k in range(40)]

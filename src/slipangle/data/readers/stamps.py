@@ -8,7 +8,7 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
-from slipangle.data.clock import past_midnight
+from slipangle.data.clock import GAP, past_midnight
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.tables import DATE, ChannelTable, Header, find_column
 from slipangle.errors import TimeError
@@ -20,6 +20,7 @@ _SLOW, _SLOW_DRIVE = 2.0, 1.0  # steps from here on are said, where no unit is n
 _TOO_SLOW, _HOURS = 5.0, 1e4  # and refused in a log of a drive, if they are whole numbers, and in any log [s]
 _DAYS = ((5e5, 1e6), (2.5e4, 7.5e4))  # between which stamps count days: since the year 0, or since 1900
 _DAY_STEP = 1e-4  # and rise by less
+_FEWEST = 3  # stamps from which hours, minutes and seconds in one number are told
 _TOO_FAST = 1e-5  # steps below are no seconds in a log of a drive [s]
 
 
@@ -51,13 +52,45 @@ def time_of(
     named = column.unit or header.unit or column.ending(header.name, "time")
     unit = "s" if (dated := header.unit == DATE) else named or "s"
     t = column.converted(table.numbers(i), unit, "s", what)
-    if not (named or dt):
+    digits = None if named else of_digits(t)
+    if digits is not None:
+        first = t[np.isfinite(t)][0]
+        said.append(f"{what} is read as hours, minutes and seconds in one number: {first:.2f} is {_as_clock(first)}")
+        t = digits
+    elif not (named or dt):
         said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
-    t = past_midnight(t, said) if dated else t
+    t = past_midnight(t, said) if dated or digits is not None else t
     if not epoch and len(t) and _EPOCH < t[0] < np.inf:
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
     return t, i
+
+
+def of_digits(t: np.ndarray) -> np.ndarray | None:
+    """Seconds of the day of numbers hhmmss.ss, as receivers of satellites write it; None of stamps that are no such.
+
+    They leap by 40 from minute to minute, where the time that they say goes on evenly.
+
+    >>> of_digits(np.array([105959.8, 105959.9, 110000.0, 110000.1])).round(2).tolist()
+    [39599.8, 39599.9, 39600.0, 39600.1]
+    >>> of_digits(np.array([58.0, 59.0, 60.0, 61.0])) is of_digits(np.array([58.0, 59.0])) is None
+    True
+    """
+    known = np.isfinite(t)
+    hours, rest = np.divmod(np.where(known, t, np.nan), 1e4)
+    minutes, seconds = np.divmod(rest, 100.0)
+    if known.sum() < _FEWEST or not (
+        t[known].min() >= 0 and hours[known].max() < 24 and minutes[known].max() < 60 and seconds[known].max() <= 60
+    ):
+        return None
+    clock = 3600 * hours + 60 * minutes + seconds
+    own, leaps = np.diff(clock[known]), np.diff(t[known] - clock[known]) > 39
+    return clock if np.any(leaps & (own > 0) & (own < GAP * np.median(own))) else None
+
+
+def _as_clock(digits: float) -> str:
+    text = f"{digits:09.2f}"
+    return f"{text[:2]}:{text[2:4]}:{text[4:]}"
 
 
 def in_days(t: np.ndarray, step: float) -> bool:
