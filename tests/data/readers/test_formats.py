@@ -14,7 +14,14 @@ from slipangle.data.race import equirectangular
 from slipangle.data.readers import open_log
 from slipangle.data.readers.recording import Recording
 from slipangle.data.readers.tables import ArrayTable, Header
-from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, TimeError
+from slipangle.errors import (
+    ConfigError,
+    FormatError,
+    MissingColumnError,
+    NotFiniteError,
+    ParameterError,
+    TimeError,
+)
 from tests.data.readers.logs import (
     LdChannel,
     drive,
@@ -23,6 +30,7 @@ from tests.data.readers.logs import (
     labelled,
     motec_csv,
     race_capture,
+    vbo,
     write_bag,
     write_ld,
     write_mat5,
@@ -139,6 +147,12 @@ FORMATS = {
     ),
     "mdf3": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
     "mdf4": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
+    "Racelogic VBO": (
+        lambda p: p.write_text(vbo(MADE), newline=""),
+        {"delta": "steer", "v_x": "velocity", "r": "yaw"},
+        {},
+        1e-6,
+    ),
     "MoTeC ld": (ld, {"delta": "Steered Angle", "v_x": "Ground Speed", "r": "Gyro Yaw"}, {}, 5e-3),
 }
 
@@ -176,6 +190,57 @@ def test_topics_of_a_bag_are_merged_by_their_time(ros, name, tmp_path):
     inside = next(path.glob("*.mcap"), None) or next(path.glob("*.db3"), None) if path.is_dir() else None
     if inside is not None:
         assert np.array_equal(sa.read(inside, columns).values, data.values)
+
+
+@pytest.mark.parametrize("first", [39590.0, 39598.0, 86398.5, 0.0])
+def test_places_and_times_of_a_vbo_file_are_those_of_the_world(first, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE, first))
+    data = sa.read(path)
+    assert (data.dt, data.starts, data.start_times) == (pytest.approx(0.01), (0,), pytest.approx((first,)))
+    assert data.unit("count") == "-"
+    np.testing.assert_array_equal(data["count"], np.arange(len(MADE.t)))
+    longitude = 11 - 1e-3 / 60 * MADE.t  # minutes that count to the west
+    np.testing.assert_allclose(np.degrees(data["longitude"]), longitude, atol=2e-9)
+    np.testing.assert_allclose(np.degrees(data["latitude"]), 52.0, rtol=1e-12)
+    radius = 6378137 / np.sqrt(1 - 0.00669437999 * np.sin(np.radians(52)) ** 2) * np.cos(np.radians(52))
+    np.testing.assert_allclose(data["X"], radius * np.radians(longitude - 11), atol=2e-4)
+    np.testing.assert_allclose(data["Y"], 0, atol=1e-9)
+    assert np.degrees(data["heading"][0]) == pytest.approx(270)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("steer\r\n", "", r"9 channels under \[header\], 10 under"),
+        ("[data]", "[rows]", r"0 rows under \[data\]"),
+        ("270.00", "", r"no even table of numbers|rows of 9 numbers"),
+        ("+03120", "x03120", "no even table of numbers"),
+        ("+03120", "+93120", "beyond the poles; expected minutes"),
+    ],
+)
+@pytest.mark.parametrize("rows", [1, -1])
+def test_a_damaged_vbo_file_is_refused(old, new, said, rows, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace(old, new, rows), newline="")
+    with pytest.raises(FormatError, match=said):
+        sa.read(path)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kmh", 1 / 3.6), ("mph", 0.44704), ("m/s", 1.0), ("kn", 1852 / 3600)])
+def test_the_speed_of_a_vbo_file_is_in_the_unit_of_its_title(unit, factor, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace("velocity kmh", f"velocity {unit}"))
+    np.testing.assert_allclose(sa.read(path, ["velocity"])["velocity"], 3.6 * MADE.v_x * factor, rtol=1e-6)
+
+
+@pytest.mark.parametrize("lines", ["deg", "deg\r\n\r\n\r\ndeg/s\r\n"])
+def test_units_of_a_vbo_file_that_may_be_of_other_channels_are_not_taken(lines, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace("deg\r\n\r\ndeg/s\r\n", f"{lines}\r\n"), newline="")
+    data = sa.read(path)
+    assert [data.unit(n) for n in ("steer", "yaw", "velocity")] == ["-", "-", "m/s"]
+    assert any("[channel units] is not one line for each" in note for note in data.notes)
 
 
 @pytest.mark.parametrize("write", [gpx, kml])

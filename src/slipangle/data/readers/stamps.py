@@ -77,15 +77,29 @@ def of_digits(t: np.ndarray) -> np.ndarray | None:
     True
     """
     known = np.isfinite(t)
-    hours, rest = np.divmod(np.where(known, t, np.nan), 1e4)
-    minutes, seconds = np.divmod(rest, 100.0)
+    hours, minutes, seconds = _parted(t)
     if known.sum() < _FEWEST or not (
         t[known].min() >= 0 and hours[known].max() < 24 and minutes[known].max() < 60 and seconds[known].max() <= 60
     ):
         return None
-    clock = 3600 * hours + 60 * minutes + seconds
+    clock = seconds_of(t)
     own, leaps = np.diff(clock[known]), np.diff(t[known] - clock[known]) > 39
     return clock if np.any(leaps & (own > 0) & (own < GAP * np.median(own))) else None
+
+
+def seconds_of(digits: np.ndarray) -> np.ndarray:
+    """Seconds of the day of numbers hhmmss.ss. [s]
+
+    >>> seconds_of(np.array([105959.5, 12.0])).tolist()
+    [39599.5, 12.0]
+    """
+    hours, minutes, seconds = _parted(digits)
+    return 3600 * hours + 60 * minutes + seconds
+
+
+def _parted(digits: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    hours, rest = np.divmod(np.where(np.isfinite(digits), digits, np.nan), 1e4)
+    return hours, *np.divmod(rest, 100.0)
 
 
 def _as_clock(digits: float) -> str:
