@@ -72,7 +72,7 @@ def _column(table: ChannelTable, name: str, column: Column, told: Told) -> tuple
     ):
         raise UnitError(
             f"{what} is in {header.unit!r} by its header and in {column.unit!r} by the settings; expected one unit: "
-            "correct the wrong one, or set override=True (override = true in a job) if it is the header"
+            "correct the wrong one, or set override (True, in a job true) if it is the header"
         )
     if unit is None and standard:
         unit = column.ending(header.name, units.quantity(standard.unit))
