@@ -8,7 +8,7 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ConfigError, ParameterError, UnitError
+from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
@@ -244,25 +244,6 @@ unit = "ns"
     np.testing.assert_allclose(data["delta"], whole["delta"][rows], atol=2e-5)
     np.testing.assert_allclose(data["v_x"], whole["v_x"][rows], atol=1e-3)
     np.testing.assert_allclose(data["r"], whole["r"][rows], atol=1e-4)
-
-
-def test_a_job_overrides_the_unit_of_a_heading(drives):
-    """The heading says radians; the sentence on two units says how."""
-    columns = '[data.columns]\ndelta = { column = "delta", unit = "deg"%s }\nv_x = "v_x"\nr = "r"'
-    path = job(drives, train='"day0.csv"', test="[]", data=columns % "")
-    with pytest.raises(UnitError, match=r"'rad' by its header .*\(override = true in a job\)"):
-        read_logs(read_settings(path))
-    plain = read_logs(read_settings(job(drives, train='"day0.csv"', test="[]"))).raw
-    path = job(drives, train='"day0.csv"', test="[]", data=columns % ", override = true")
-    np.testing.assert_allclose(read_logs(read_settings(path)).raw["delta"], np.radians(plain["delta"]))
-
-
-def test_a_filter_may_leave_pieces_of_one_sample(drives):
-    """As few of the log's own are one of a slower rate."""
-    filtered = job(drives, train='"day0.csv"', test="[]", data="filter = 't < 4 or sin(20 * t) > 0.8'\nrate = 5.0")
-    data = read_logs(read_settings(filtered)).data
-    assert min(len(part) for part in data.experiments) == 1
-    assert "v_x_dot" in data
 
 
 def test_a_job_without_outputs_is_told_so(drives, capsys):

@@ -51,17 +51,13 @@ def save(record: Any, path: str | Path, *, classes: Sequence[type] = ()) -> Path
     classes : sequence of type
         Dataclasses of your own that the record is made of; `load` needs the same.
     """
-    known, cls = _known(tuple(classes)), type(record)
-    own = cls.__module__.startswith("slipangle.")
-    if not is_dataclass(record) or isinstance(record, type) or (own and known.get(cls.__name__) is not cls):
-        raise ParameterError(
-            f"a {cls.__name__} was to be saved; expected a model, tire or parameter set: slipangle.write() keeps data"
-        )
+    if not is_dataclass(record) or isinstance(record, type):
+        raise ParameterError(f"a {type(record).__name__} was to be saved; expected a model, tire or parameter set")
     content = {
         "format": FORMAT,
         "version": VERSION,
         "written by": f"slipangle {importlib.metadata.version('slipangle')}",
-        "record": _encode(record, cls.__name__, known),
+        "record": _encode(record, type(record).__name__, _known(tuple(classes))),
     }
     return write_atomic(path, _text(content) + "\n")
 
@@ -160,6 +156,11 @@ def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
         return _encode_array(value, where)
     if is_dataclass(value) and not isinstance(value, type):
         name = type(value).__name__
+        if known.get(name) is not type(value) and type(value).__module__.startswith("slipangle."):
+            raise ParameterError(
+                f"{where} is of class {name}, which no model is made of; expected a model, tire or parameter set: "
+                "data are written by slipangle.write"
+            )
         if known.get(name) is not type(value):
             raise ParameterError(
                 f"{where} is of class {name}, which is not slipangle's own; expected it in classes=[...] of both "

@@ -251,13 +251,16 @@ def _together(parts: Sequence[Dataset]) -> str:
     return said if len(said) <= _LONGEST_NAME else f"{names[0][:_LONGEST_NAME]} and {len(names) - 1} more"
 
 
-def _without_crumbs(data: Dataset) -> Dataset:
-    """Without the few samples that gaps leave here and there, from which no model can start, and a note of them."""
+def _without_crumbs(data: Dataset, filtered: bool) -> Dataset:
+    """Without the samples that gaps leave here and there, from which no model can start, and a note of them.
+
+    They are few, or a filter is to leave as many as it does.
+    """
     least = max(_FEWEST, round(_CRUMB / data.dt))
     parts = data.experiments
     whole = [part for part in parts if part.n_samples >= least]
     kept = sum(part.n_samples for part in whole)
-    if len(whole) == len(parts) or kept < _MOST * data.n_samples:
+    if len(whole) == len(parts) or not whole or (kept < _MOST * data.n_samples and not filtered):
         return data
     many = f"{len(parts) - len(whole)} piece{'s' * (len(parts) - len(whole) > 1)} between gaps"
     note = f"{many} of less than {least * data.dt:.3g} s left out, {data.n_samples - kept} samples in all"
@@ -281,7 +284,7 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
                 f"logged at {1 / data.dt:.4g} Hz"
             )
         data = data.resample(1 / rate, cutoff=cutoff)
-    data = _without_crumbs(data)
+    data = _without_crumbs(data, bool(settings.data.filter))
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)
     return data.hold_mean() if settings.data.hold == "mean" else data

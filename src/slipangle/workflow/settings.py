@@ -31,7 +31,7 @@ class ColumnSettings:
     unit : str
         Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
     override : bool
-        Use ``unit`` even if the header names another one.
+        Take ``unit`` even if the header names another one.
     scale, offset : float
         Of raw counts: physical = scale * raw + offset, in ``unit``.
     sign : int

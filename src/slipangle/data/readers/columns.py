@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal, TypedDict
@@ -28,12 +29,14 @@ from slipangle.errors import (
     TooShortError,
     UnitError,
     nearest,
+    shown,
 )
 
 __all__ = ["ArrayTable", "ChannelTable", "Column", "Header", "LogSettings", "as_columns", "assemble", "check_dt"]
 
 _USUAL = {"rad": "deg", "rad/s": "deg/s", "m/s": "km/h", "m/s2": "g"}  # what is logged in place of SI units
 _CHUNK = 1 << 16  # rows that are moved at once
+Told = defaultdict[str, list[str]]  # notes on units, and the channels they are of
 
 
 class LogSettings(TypedDict, total=False):
@@ -51,10 +54,10 @@ class LogSettings(TypedDict, total=False):
     name: str | None
 
 
-def _column(table: ChannelTable, name: str, column: Column, unnamed: dict[str, str]) -> tuple[np.ndarray, str]:
-    """Numbers of one column in SI, and their unit; names without a unit of their own are added to ``unnamed``.
+def _column(table: ChannelTable, name: str, column: Column, told: Told) -> tuple[np.ndarray, str]:
+    """Numbers of one column in SI, and their unit; where nobody names one that is known, ``told`` gets what is taken.
 
-    Beside them there stands what their heading ends with, if that is a unit.
+    Raises UnitError if the unit of a standard channel is not known, or settings and heading name two.
     """
     i = find_column(table, column.source, name)
     header, standard = table.headers[i], STANDARD.get(name)
@@ -69,16 +72,24 @@ def _column(table: ChannelTable, name: str, column: Column, unnamed: dict[str, s
     ):
         raise UnitError(
             f"{what} is in {header.unit!r} by its header and in {column.unit!r} by the settings; expected one unit: "
-            "correct the wrong one, or set override=True (override = true in a job) if it is the header"
+            "correct the wrong one, or set override (True, in a job true) if it is the header"
         )
     if unit is None and standard:
         unit = column.ending(header.name, units.quantity(standard.unit))
-        unnamed |= {name: f"{unit} ('{header.name}')"} if unit else {}
+        told["units that headings end with: {}"] += [f"{name} in {unit} ('{header.name}')"] if unit else []
     guessed = unit is None
     if unit is None:
         unit = standard.unit if standard else "-"
-        unnamed[name] = ""
+        told["no unit named for {}: taken as SI"].append(name)
     numbers = table.numbers(i)
+    if not units.known(unit) and standard is None and column.unit is None:
+        told["units that are not known, numbers as they are: {}"].append(f"{name} in {shown(unit)}")
+        return column.converted(numbers, "-", None, what), unit
+    if not units.known(unit):
+        raise UnitError(
+            f"{what} is in {shown(unit)}, which is no unit that is known; {nearest(unit, units.names())}: correct it, "
+            f"or convert, such as Column('{header.name}', '{standard.unit if standard else '-'}', scale=0.001)"
+        )
     values = column.converted(numbers, unit, standard.unit if standard else None, what)
     largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     if guessed and standard and largest > standard.largest:
@@ -89,13 +100,6 @@ def _column(table: ChannelTable, name: str, column: Column, unnamed: dict[str, s
             f"Column('{header.name}', '{usual}')"
         )
     return values, units.si_unit(unit)
-
-
-def _units_told(unnamed: Mapping[str, str]) -> list[str]:
-    ended = [f"{n} in {unit}" for n, unit in unnamed.items() if unit]
-    taken = [n for n, unit in unnamed.items() if not unit]
-    said = [f"units that headings end with: {', '.join(ended)}"] if ended else []
-    return said + ([f"no unit named for {', '.join(taken)}: taken as SI"] if taken else [])
 
 
 def as_columns(
@@ -259,7 +263,7 @@ def assemble(
     if nan not in ("error", "gap"):
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
     said: list[str] = list(notes)
-    unnamed: dict[str, str] = {}
+    told: Told = defaultdict(list)
     names = columns if columns is not None else [h.name for h in table.headers]
     prefetch(table, _needed(table, columns, time, experiment, filter))
     t, time_column = time_of(table, time, dt, names, epoch, said)
@@ -267,10 +271,11 @@ def assemble(
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
     if not chosen:
         raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
-    picked = {n: _column(table, n, c, unnamed) for n, c in chosen.items() if not c.derive}
+    picked = {n: _column(table, n, c, told) for n, c in chosen.items() if not c.derive}
     picked = derive(table, chosen, picked, t)
     _require_picked(table, inputs, outputs, picked)
-    said += _units_told(unnamed)
+    notes_on_units = [note.format(", ".join(found)) for note, found in told.items() if found]
+    said += [note for note in notes_on_units if note not in said]  # a file that was written has them
     stamps = t if t is not None else (dt or 1.0) * np.arange(len(next(iter(picked.values()))[0]))
     kept, note = keep(table, filter, picked, stamps) if filter else (None, "")
     channels = tuple(Channel(n, unit) for n, (_, unit) in picked.items())
