@@ -218,6 +218,7 @@ RESULTS: dict[str, Callable[[dict[str, Any]], bool]] = {
     "choosing-a-model": lambda n: sa.validate(n["model"], n["test"]).free_run_scores["r"].fit > 90,
     "driving": lambda n: n["run"].inside and n["sensor"].std < 0.01,
     "export": lambda n: abs(n["plan"].command - n["mpc"].plan(n["x"], n["reference"]).command).max() < 1e-9,
+    "fastest-lap": lambda n: n["run"].inside,
     "logs": lambda n: abs(n["log"].signal("/speed.data").dt - 0.1) < 1e-6 and n["data"].dt == 0.02,
     "page": lambda n: n["run"].inside and (n["program"] is None or isinstance(n["program"], bytes)),
     "plants": lambda n: n["run"].inside,

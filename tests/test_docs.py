@@ -238,6 +238,7 @@ WARNS = {
     "models/analysis/linearize.py": (1, ("is not smooth in",)),
     "models/black_box/model.py": (1, ("no C compiler was found",)),
     "models/model.py": (1, ("goes astray",)),
+    "models/storage.py": (1, ("where its fit found",)),
     "models/tires/magic_formula/tir.py": (
         5,
         (
@@ -249,7 +250,7 @@ WARNS = {
         ),
     ),
     "models/tires/magic_formula/tire.py": (1, ("the tire is extrapolated",)),
-    "models/vehicles/parameters.py": (1, ("kg at a wheelbase of",)),
+    "models/vehicles/parameters.py": (1, ("kg at a wheelbase of", "expected the centre of gravity between")),
     "optimal/ocp.py": (1, ("is neither limited nor has a weight",)),
     "optimal/realtime/backend.py": (1, ("no C compiler was found",)),
     "registry.py": (1, ("of an installed package cannot be used",)),

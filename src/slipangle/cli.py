@@ -1,7 +1,9 @@
 """The command line: ``slipangle demo | run | init | inspect | export | build | list | data | reproduce``."""
 
 import argparse
+import io
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -53,19 +55,29 @@ what to do)."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
+    for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a letter shows a question mark
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = _parser()
     options = parser.parse_args(_joined(given))
+    options.said = shlex.join(["slipangle", *given])
     if options.function is None:
         print(parser.format_help(), end="")
         return 0
     try:
-        return run(options)
+        code = run(options)
+        sys.stdout.flush()
+        return code
     except SlipangleError as error:
         print(f"slipangle: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:
         return 0
+    except OSError as error:  # a disk that is full, a folder that was removed
+        place = f" ('{error.filename}')" if error.filename else ""
+        print(f"slipangle: {error.strerror or error}{place}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("slipangle: stopped; nothing was half-written", file=sys.stderr)
         return 130

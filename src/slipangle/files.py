@@ -92,7 +92,10 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
     target = Path(path)
     raw = content.encode() if isinstance(content, str) else content
     folder = output_folder(target.parent)
-    handle, name = tempfile.mkstemp(dir=folder, prefix=f".{target.name}.", suffix=".tmp")
+    try:
+        handle, name = tempfile.mkstemp(dir=folder, prefix=f".{target.name[:100]}.", suffix=".tmp")
+    except OSError as error:
+        raise WriteError(f"'{target}' cannot be written ({error.strerror or error}); name another place") from None
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(raw)

@@ -124,6 +124,9 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(folder, capsys):
         ("inspect", folder / "none.csv"): "does not exist",
         ("advise", folder / "bicycle.json"): "expected --data FILE.toml",
         ("advise", folder / "job.toml", "--parameter", "mass"): "'mass' was not fitted",
+        ("advise", folder / "job.toml", "--duration", "nan"): "duration is nan s; expected",
+        ("advise", folder / "job.toml", "--duration", "1"): "duration is 1 s; expected 2 s or more, 40 samples",
+        ("advise", folder / "job.toml", "--best", "0"): "--best is 0; expected",
     }
     for arguments, sentence in cases.items():
         assert sentence in said(capsys, *arguments, code=2)

@@ -316,6 +316,20 @@ def test_no_manifest(copy, tmp_path):
             load(copy)
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ConfigError("it ran out of memory")])
+def test_a_build_that_is_stopped_leaves_the_one_before(error, copy, monkeypatch):
+    def stopped(sources, target, **options):
+        target.write_bytes(b"half")
+        raise error
+
+    before = {p.name: p.read_bytes() for p in copy.iterdir()}
+    monkeypatch.setattr(compiler, "compile_file", stopped)
+    with pytest.raises(type(error)):
+        build(controller(3), copy, name="racer", drive=2, force=True)
+    assert {p.name: p.read_bytes() for p in copy.iterdir()} == before
+    load(copy)
+
+
 def test_no_compiler_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CC", "none")
     backend._say_once.cache_clear()

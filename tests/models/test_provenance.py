@@ -39,6 +39,10 @@ def moved(data):
     return replace(data, start_times=tuple(t + 123.4 for t in data.start_times))
 
 
+def detrended(data):
+    return data.detrend()[0]
+
+
 def wider(data):
     return data.with_channel("more", np.ones(data.n_samples)).select(inputs=["u"], outputs=["z", "more", "y"])
 
@@ -61,6 +65,8 @@ DISGUISES = {
     "other columns": wider,
     "means held": Dataset.hold_mean,
     "last bit": rounded,
+    "means subtracted": detrended,
+    "pieces, means subtracted": lambda data: detrended(pieces(data)),
     "its last quarter, then new data": lambda data: join(data.rows(2250, 3000), log(9)),
     "its first tenth": lambda data: data.rows(0, 300),
     "a stretch inside": lambda data: data.rows(1234, 1300),
@@ -83,6 +89,16 @@ def test_other_samples_of_the_same_name_and_time_are_not(quantum):
         require_unseen(model, log(seed, quantum=quantum))
     train, test = log(0, quantum=quantum).split(0.7)
     require_unseen(ARX(na=2, nb=2).fit(train), test)
+
+
+def test_another_offset_makes_no_new_data():
+    """Fitted without the means and judged with them, too, all samples counted; noise anew makes new data."""
+    train, other = log(0), log(1)
+    seen = fingerprint(detrended(train), train.outputs)
+    assert overlap(seen, train).rows.all()
+    assert overlap(seen, moved(train)).earlier == 0.0
+    assert overlap(seen, other) is None
+    assert overlap(seen, detrended(other)) is None
 
 
 def test_the_sentence_says_how_many_and_from_where():

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, WriteError
+from slipangle.data.readers.column import Column
+from slipangle.errors import FormatError, MissingFileError, ModelWarning, ParameterError, SlipangleError, WriteError
 from slipangle.identify.linear.arx import ARX
 from slipangle.models import storage
 from slipangle.models.black_box.arx import ARXModel
@@ -23,6 +24,7 @@ from slipangle.models.tires.physical import BrushTire, DugoffTire
 from slipangle.models.tires.simple import LinearTire, Tire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
 from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.paths.lane_change import double_lane_change
 from slipangle.reproduce.plants import narendra
 from tests.models.all_models import ALL_MODELS, typical
 from tests.models.test_contracts import record
@@ -114,6 +116,24 @@ def test_fit_info_travels_with_the_model(tmp_path):
     assert np.array_equal(back.fit_info.std, model.fit_info.std)
 
 
+def test_a_fit_of_other_parameters_is_left_out(tmp_path):
+    """Changed by hand in the file, the intervals would be those of another car."""
+    model = ALL_MODELS["bicycle"]
+    names = model.parameter_names[:3]
+    values = np.array([model.value(n) for n in names])
+    info = replace(NEAT, names=names, values=values, covariance=np.eye(3))
+    path = save(replace(model, fit_info=info), tmp_path / "car.json")
+    assert load(path).fit_info is not None
+    text = path.read_text(encoding="utf-8")
+    first = f'"{names[0]}": {float(values[0])!r}'
+    assert text.count(first) == 1
+    path.write_text(text.replace(first, f'"{names[0]}": {1.01 * float(values[0])!r}'), encoding="utf-8")
+    with pytest.warns(ModelWarning, match=rf"car.json' {names[0]} is .*, where its fit found .* left out"):
+        changed = load(path)
+    assert changed.fit_info is None
+    assert changed.value(names[0]) == 1.01 * float(values[0])
+
+
 def test_random_bits_survive(tmp_path):
     """Any finite double, denormals and signed zeros included."""
     rng = np.random.default_rng(0)
@@ -166,9 +186,9 @@ def test_own_classes_are_named_on_both_sides(tmp_path):
         load(path)
 
 
-@pytest.mark.parametrize("thing", [3.0, BicycleParams, {"a": 1}])
+@pytest.mark.parametrize("thing", [3.0, BicycleParams, {"a": 1}, double_lane_change(20.0), Column("yaw rate")])
 def test_only_records_are_saved(thing, tmp_path):
-    with pytest.raises(ParameterError, match="was to be saved"):
+    with pytest.raises(ParameterError, match=r"expected a model, tire or parameter set"):
         save(thing, tmp_path / "thing.json")
 
 

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+import slipangle as sa
+from slipangle.errors import ParameterError
+from slipangle.models.analysis.responses import Estimate
+from slipangle.models.analysis.spectral_bands import gain_limits
 from slipangle.numerics.covariance import covariance, long_run
-from slipangle.numerics.critical import NORMAL, critical_values, drawn, spectral_factor, squared_sums
+from slipangle.numerics.critical import NORMAL, critical_values, drawn, quantile, spectral_factor, squared_sums
 
 
 @pytest.mark.parametrize("lags", [0, 3, 39, 40, 60])
@@ -58,3 +62,13 @@ def test_the_factor_of_white_noise_is_the_symmetric_root():
     root = spectral_factor(np.zeros((0, 2, 2)), driving, 4)[0].real
     assert root == pytest.approx(root.T, abs=1e-15)
     assert root @ root == pytest.approx(driving, rel=1e-12)
+
+
+@pytest.mark.parametrize("level", [95, 1.0, 0.0, -0.5, float("nan")])
+def test_a_level_is_a_share(level):
+    values = np.array([1.0, 2.0])
+    info = sa.FitInfo(names=("a", "b"), values=values, covariance=np.diag([0.01, 0.04]), noise_std=values, n_samples=9)
+    for asked in (info.interval, Estimate(1.0, 0.1).interval, quantile, lambda p: gain_limits(values, 8.0, p)):
+        with pytest.raises(ParameterError, match=r"confidence level is .*; expected a share .*: 95 % is 0.95"):
+            asked(level)
+    assert info.interval(0.99)[:, 1] - values == pytest.approx(2.5758293 * np.array([0.1, 0.2]))

@@ -385,6 +385,7 @@ def test_missing_file(tmp_path):
         lambda: Path.from_points([0, 1, 2, 3], [0, 0, 0, 0], smoothing=-1.0),
         lambda: circle().project(np.nan, 0.0),
         lambda: circle().with_speed(-3.0),
+        lambda: circle().with_speed(np.ones(3)),
         lambda: circle().with_speed_limits(v_max=10.0, a_y=0.0, a_x=1.0),
         lambda: double_lane_change(20.0, width=0.0),
         lambda: double_lane_change(20.0, blend=20.0),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slipangle.errors import ParameterError
 from slipangle.models.analysis.handling import handling
 from slipangle.models.analysis.linearize import linearize
 from tests.models.analysis.test_linearize import BICYCLE, fitted
@@ -34,6 +35,9 @@ def test_nyquist_and_step_draw_what_they_hold():
     curve, step = linear.bode("r", "delta"), linear.step("r", "delta")
     figure = curve.plot(kind="nyquist")
     assert figure.data[0].x == pytest.approx(curve.value.real)
+    for mistyped in ("nyqist", "Bode", "magnitude"):
+        with pytest.raises(ParameterError, match=f"kind is '{mistyped}'; expected 'bode' or 'nyquist'"):
+            curve.plot(kind=mistyped)
     drawn = lines(step.plot())
     assert drawn[0].y == pytest.approx(step.y, rel=1e-6)
     assert drawn[1].y == pytest.approx([step.final] * 2, rel=1e-6)

@@ -51,3 +51,8 @@ def test_the_command_says_it(capsys):
     for given, said in ((["why"], "there are no words"), (["why", "colored"], "nearest")):
         assert main(["help", *given]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_a_symbol_that_a_text_begins_with_keeps_its_letter():
+    assert explained("delta is the angle of the hand wheel").startswith("r wheelbase / v_x is")
+    assert explained(SENTENCE).startswith("The optimum")

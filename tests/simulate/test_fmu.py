@@ -1,8 +1,10 @@
 """An FMU is a plant: driven as the model that was exported into it, by the names and units that it has."""
 
+import gc
 import re
 import shutil
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,6 +85,15 @@ def test_a_driver_closes_the_loop_as_on_the_model(car):
     assert runs[0].inside
     assert runs[0].max("y") < 0.1
     assert runs[0].e_y == pytest.approx(runs[1].e_y, abs=1e-7)
+
+
+def test_what_was_unpacked_goes_with_the_plant(file):
+    made = sa.PlantFMU(file)
+    folder = Path(made._folder)
+    assert folder.is_dir()
+    del made
+    gc.collect()
+    assert not folder.exists()
 
 
 def test_names_units_and_parameters_are_the_users(file, tmp_path):

@@ -327,6 +327,20 @@ def test_width_decides_whether_it_was_inside():
         assert not replace(beside, width=2 * (2.0 - reach) + 0.01).inside
 
 
+def test_without_lanes_half_a_metre_is_what_counts():
+    run = closed_loop(PLANT, STEER, SHORT)
+    assert run.marked
+    assert run.kept
+    assert not replace(run, width=2.4).kept
+    assert not replace(run, end=End.TIME).kept
+    bare = replace(run, path=replace(run.path, left=None, right=None))
+    assert not bare.marked
+    assert "no lanes are marked" in repr(bare)
+    assert "none are marked" in bare._repr_html_()
+    for beside, kept in ((0.49, True), (0.51, False)):
+        assert replace(bare, e_y=np.full_like(run.e_y, -beside)).kept is kept
+
+
 @pytest.mark.parametrize(
     ("make", "error", "what"),
     [

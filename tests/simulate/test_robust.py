@@ -1,5 +1,6 @@
 """Cars that differ from the model: the nominal one is the identified bicycle, equal draws give equal drives."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,15 @@ def test_a_car_a_tenth_as_long_answers_its_steering_as_quickly_for_its_size(scal
     late = 0.001 * float(np.argmax(r > 0.63 * r[-1]))
     assert late < 0.16 * np.sqrt(scale)
     assert r.max() < 1.3 * r[-1]
+
+
+def test_friction_that_is_too_low_for_the_axles_is_named_with_the_least():
+    with pytest.raises(ParameterError, match=r"raise the friction from 0.1 to 0\.\d+, or check") as refused:
+        fleet(friction=0.1)
+    lowest = float(re.search(r"to (0\.\d+),", str(refused.value))[1])
+    fleet(friction=lowest)
+    with pytest.raises(ParameterError):
+        fleet(friction=lowest - 0.02)
 
 
 @pytest.mark.parametrize("friction", [0.7, 1.0, 1.3])

@@ -1,17 +1,22 @@
 """The command line as a person or a machine meets it: output, exit codes, one sentence per kind of bad input."""
 
+import io
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from slipangle import cli
 from slipangle import reproduce as experiments
 from slipangle.cli import main
+from slipangle.errors import WriteError
+from slipangle.files import write_atomic
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -421,3 +426,21 @@ def test_a_page_speaks_si_where_it_is_asked_to(tmp_path, capsys):
     assert re.findall(r".{30}(?:\d°|\bdeg\b|\[deg).{10}", shown) == []
     assert "rad/s" in shown
     assert fits[0]["free_run"] == fits[1]["free_run"]
+
+
+def test_a_terminal_without_a_letter_shows_another(monkeypatch):
+    """Of what is printed in the end: the job was done, and its exit code is its own."""
+    shown = io.TextIOWrapper(io.BytesIO(), encoding="latin-1")
+    monkeypatch.setattr(sys, "stdout", shown)
+    monkeypatch.setattr(cli, "run", lambda options: print("\u201cgood\u201d \xb1 1") or 0)
+    assert main(["list"]) == 0
+    assert shown.buffer.getvalue().decode("latin-1").strip() == "?good? \xb1 1"
+
+
+def test_a_disk_that_is_full_and_a_folder_that_is_gone_are_a_sentence(monkeypatch, capsys):
+    for error in (OSError(28, "No space left on device"), FileNotFoundError(2, "No such file or directory", "gone")):
+        monkeypatch.setattr(cli, "run", Mock(side_effect=error))
+        assert main(["list"]) == 2
+        assert capsys.readouterr().err.startswith(f"slipangle: {error.strerror}")
+    with pytest.raises(WriteError, match=r"cannot be written .*name another"):
+        write_atomic(Path("a" * 300), "text")

@@ -120,3 +120,21 @@ def test_a_car_that_does_not_come_to_its_path_s_end_is_not_called_good(outcome, 
     assert drive.tone == "poor"
     assert end.value in drive.sentence
     assert not stood.metrics()["closed_loop"]["finished"]
+
+
+@pytest.mark.parametrize(("beside", "tones"), [(0.4, {"good", "fair"}), (9.0, {"poor"})])
+def test_a_track_without_edges_is_named_and_judged_by_the_distance(outcome, beside, tones):
+    if outcome.run is None:
+        return
+    bare = replace(outcome.run.path, left=None, right=None)
+    run = replace(outcome.run, path=bare, e_y=np.full_like(outcome.run.e_y, beside))
+    wanted = replace(outcome.settings.controller, track=Path("folder") / "line.csv")
+    drawn = replace(outcome, run=run, settings=replace(outcome.settings, controller=wanted), tried=None)
+    [drive] = [v for v in verdicts(drawn, "") if v.title == "Closed loop"]
+    assert drive.tone in tones
+    assert "the track “line.csv” at up to 54 km/h" in drive.sentence
+    assert "ISO" not in drive.sentence
+    assert "its lanes" not in drive.sentence
+    assert f"{'keeps within' if beside < 0.5 else 'goes farther than'} 50 cm" in drive.sentence
+    found = drawn.metrics()["closed_loop"]
+    assert (found["inside_lane"], found["kept"]) == (None, beside < 0.5)

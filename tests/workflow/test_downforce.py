@@ -1,7 +1,10 @@
 """Downforce and a locked axle in a job: path followers know what they do where they drive, the stand-in has none."""
 
+import re
+
 import pytest
 
+from slipangle.errors import ConfigError
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.workflow.controllers import CONTROLLERS, ControllerSettings
 from slipangle.workflow.drive import PlantSettings, build_plant
@@ -37,3 +40,12 @@ def test_a_path_follower_steers_as_much_as_a_locked_axle_asks():
     more = 1 + (0.7 / 3.0) ** 2 * (1 + 7e4 / 5e4)
     assert law.params.steering_gain == pytest.approx(1 / more, rel=1e-9)
     assert law.params.C_f == pytest.approx(5e4 * more, rel=1e-9)
+
+
+def test_ice_on_which_the_stand_in_s_tires_would_be_too_steep_is_named_with_the_least_friction():
+    with pytest.raises(ConfigError, match=r"\[plant\] friction is 0.05, .*; expected 0\.\d+ or more") as refused:
+        build_plant(PlantSettings(friction=0.05), car())
+    lowest = float(re.search(r"expected (0\.\d+) or more", str(refused.value))[1])
+    load = 740 * 9.81 / 3.0 / 2  # of a wheel, by its distance from the other axle
+    assert lowest == pytest.approx(max(5e4 / (2 * load * 1.3), 7e4 / (2 * load * 1.7)) * 2 / 165, abs=1e-3)
+    build_plant(PlantSettings(friction=lowest), car())

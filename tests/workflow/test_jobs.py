@@ -4,14 +4,17 @@ import json
 import os
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from slipangle.cli import main
-from slipangle.errors import ConfigError
+from slipangle.errors import ConfigError, UnitError
 from slipangle.identify.networks.narx import NARX as NARXEstimator
+from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.workflow.kinds import KINDS
+from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
 from tests.workflow.test_cli import JOB, log_rows, sentence, write_job
 
@@ -226,3 +229,32 @@ def test_verdicts_on_a_model_that_runs_away_name_it(json_, tmp_path, capsys):
     assert "the free run of 'r' goes astray" in capsys.readouterr().out
     assert "goes astray" in (tmp_path / "page" / "index.html").read_text()
     assert "Warning" not in err
+
+
+def test_a_heading_with_a_wrong_unit_is_overridden_where_the_sentence_says(tmp_path):
+    """Steering in degrees under a heading that says rad."""
+    wrong = write_job(tmp_path, head=("time", "steer [rad]", "speed", "yaw"))
+    with pytest.raises(UnitError, match="override"):
+        read_logs(read_settings(wrong))
+    mended = write_job(
+        tmp_path, head=("time", "steer [rad]", "speed", "yaw"), job=JOB.replace('"deg" }', '"deg", override = true }')
+    )
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    expected = read_logs(read_settings(write_job(plain)))
+    assert np.array_equal(read_logs(read_settings(mended)).data["delta"], expected.data["delta"])
+
+
+def test_what_a_filter_leaves_in_single_samples_is_left_out(tmp_path):
+    """A third of what it leaves: beyond 5 s two samples in a row now and then, which are one at the job's rate."""
+    rows = log_rows()
+    pairs = np.cumsum([104, *[7, 5, 9, 4, 6] * 9])
+    for k in {*range(100, 400)} - {*pairs} - {*(pairs + 1)}:
+        rows[k][1] = "9.0"
+    job = write_job(tmp_path, rows=rows, job=JOB.replace("rate = 20.0", 'rate = 10.0\nfilter = "delta < 0.15"'))
+    data = read_logs(read_settings(job)).data
+    assert (data.n_samples, len(data.starts)) == (50, 1)
+    assert f"{len(pairs)} samples in all" in " ".join(data.notes)
+    assert data["v_x_dot"] == pytest.approx(np.gradient(data["v_x"], 0.1))
+    alone = replace(data.rows(0, 3), starts=(0, 1), start_times=(0.0, 9.0))
+    assert with_speed_derivative(alone)["v_x_dot"][0] == 0

@@ -79,10 +79,12 @@ def test_a_model_that_runs_away_is_poor():
     assert scoreboard(lost, "").rows[0].cells[2] == "poor"
 
 
-def drive(seconds=0.001, inside=True, good=True, solver="ipopt"):
+def drive(seconds=0.001, inside=True, good=True, solver="ipopt", finished=True, marked=True):
     settings = SimpleNamespace(controller=SimpleNamespace(dt=0.05, entries={"solver": solver}))
     tried = SimpleNamespace(trials=SimpleNamespace(good=good))
-    return {"run": SimpleNamespace(seconds=np.full(50, seconds), inside=inside), "settings": settings, "tried": tried}
+    seen = {"inside": inside, "finished": finished, "marked": marked, "kept": inside and finished and marked}
+    run = SimpleNamespace(seconds=np.full(50, seconds), **seen)
+    return {"run": run, "settings": settings, "tried": tried}
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,10 @@ def drive(seconds=0.001, inside=True, good=True, solver="ipopt"):
         ({"info": fit(("C_f",), (1.0,), (3.0,))}, "drive what determines C_f"),
         ({}, "control with car: add a [controller]"),
         (drive(seconds=0.08), 'solver = "realtime"; the solver takes 80 of 50 ms'),
-        (drive(inside=False), "drive slower"),
+        (drive(inside=False), "the car leaves its lanes"),
+        (drive(inside=False, finished=False), "drive slower"),
+        (drive(marked=False), "the car leaves its path"),
+        (drive(finished=False), "look why the car does not come to the end"),
         (drive(good=False), "slipangle robust"),
         (drive(), "slipangle export c"),
     ],

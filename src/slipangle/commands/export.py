@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +82,7 @@ def _c(options: argparse.Namespace) -> Answer:
     [race] and no [controller] it is the racer, on its first lap.
     """
     from slipangle.export import export
+    from slipangle.export.project import written
 
     name, folder = _place(options, "export")
     check_output(folder)
@@ -89,8 +91,8 @@ def _c(options: argparse.Namespace) -> Answer:
         bar(0.95, "writing C")
         settings = {"name": name, "precision": options.precision, "budget": options.budget, "force": options.force}
         made = export(thing, folder, **settings, **drive)
-    listed = sorted(p.name for p in made.iterdir())
-    words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
+    listed = written(made)
+    words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C {shlex.quote(str(made))} replay"
     answer: dict[str, Any] = {"folder": str(made), "files": listed}
     if options.budget:
         answer["budget"] = budget = json.loads((made / "manifest.json").read_text(encoding="utf-8"))["budget"]
@@ -124,6 +126,7 @@ def _build(options: argparse.Namespace) -> Answer:
     A driver is compiled whole. What is loaded checks the files, the machine and what it decides on the recorded drive.
     """
     from slipangle.export import build
+    from slipangle.export.project import written
 
     name, folder = _place(options, "build")
     check_output(folder)
@@ -131,7 +134,7 @@ def _build(options: argparse.Namespace) -> Answer:
         controller, drive = _controller(options.what, bar)
         bar(0.8, "compiling")
         made = build(controller, folder, name=name, drive=drive, portable=options.portable, force=options.force)
-    listed = sorted(p.name for p in made.iterdir())
+    listed = written(made)
     words = f"{made.resolve()}\n  {', '.join(listed)}\nLoad it: slipangle.export.load('{made}')"
     return Answer({"folder": str(made), "files": listed}, words)
 

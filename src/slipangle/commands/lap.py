@@ -14,7 +14,7 @@ from slipangle.errors import ConfigError, nearest
 from slipangle.files import check_output, replaced, write_atomic
 
 if TYPE_CHECKING:
-    from slipangle.optimal.lap.driven import LapDelta, Sector
+    from slipangle.optimal.lap.driven import LapDelta
     from slipangle.optimal.lap.lap import Lap
 
 _ABOUT = """\
@@ -52,7 +52,7 @@ def add(commands: Commands) -> None:
 def _lap(options: argparse.Namespace) -> Answer:
     from slipangle.optimal.lap.fastest_lap import fastest_lap
     from slipangle.paths.path import Path as Track
-    from slipangle.report.lap import lap_page, open_said
+    from slipangle.report.lap import beaten, lap_page, lost_most, open_said
     from slipangle.workflow import race
     from slipangle.workflow.lap import identified_car
     from slipangle.workflow.settings import read_settings
@@ -81,9 +81,8 @@ def _lap(options: argparse.Namespace) -> Answer:
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "index.html")
-        command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
-        more = (race.section(raced, command),) if raced else ()
-        page = lap_page(lap, settings.title, command, delta, more, std).write(folder / "index.html")
+        more = (race.section(raced, options.said),) if raced else ()
+        page = lap_page(lap, settings.title, options.said, delta, more, std).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "time_std": std, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
@@ -92,7 +91,8 @@ def _lap(options: argparse.Namespace) -> Answer:
     if delta is not None:
         sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
         found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}
-        words += "".join(f"\nyou lose {s.lost:.2f} s at {s.corner:.0f} m" for s in _worst(delta))
+        words += "".join(f"\nyou lose {s.lost:.2f} s at {s.corner:.0f} m" for s in lost_most(delta, 3))
+        words += beaten(delta)
     if raced:
         found |= {"race": race.metrics(raced)}
         words += f"\nThe race: {race.word(raced)}. {race.sentence(raced)}"
@@ -108,11 +108,6 @@ def _driven(file: str | Path, lap: Lap, origin: tuple[float, float] | None) -> L
 
     zero = None if origin is None else (deg(origin[0]), deg(origin[1]))
     return lap_delta(lap, min(driven_laps(read(file), lap.track, origin=zero), key=lambda driven: driven.time))
-
-
-def _worst(delta: LapDelta) -> list[Sector]:
-    """The three sectors that lose the most."""
-    return sorted(delta.sectors, key=lambda sector: -sector.lost)[:3]
 
 
 def _known(values: Mapping[str, float]) -> dict[str, float]:

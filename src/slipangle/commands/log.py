@@ -141,11 +141,13 @@ def _log(options: argparse.Namespace) -> tuple[Survey | None, Dataset, float | N
 def _advise(options: argparse.Namespace) -> Answer:
     from slipangle.identify.physics.advise import advise
 
+    if options.best < 1:
+        raise ConfigError(f"--best is {options.best}; expected how many manoeuvres to tell, 1 or more")
     with Bar(quiet=options.json or options.quiet) as bar:
         model, train = _fitted(options, bar)
         bar(0.5, "simulating manoeuvres")
         every = advise(model, train, parameter=options.parameter, duration=options.duration)
-    ranked = every[: max(options.best, 1)]
+    ranked = every[: options.best]
     names = ("manoeuvre", "parameter", "before", "after", "unit", "helps", "sentence")
     rows = [{n: _plain(getattr(a, n)) for n in names} for a in ranked]
     words = [a.sentence if a.helps else f"{a.sentence}, which helps little" for a in ranked]

@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -164,8 +165,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         if options.out:
             target = Path(options.out) / "index.html"
             before = replaced(target)
-            command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
-            page = comparison_page(result, test, command=command).write(target)
+            page = comparison_page(result, test, command=options.said).write(target)
     rows = [
         {"model": e.name}
         | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
@@ -215,10 +215,11 @@ def _of_the_day(models: dict[str, Model], opening: Dataset | None) -> tuple[list
 
 
 def load_models(files: list[str]) -> dict[str, Model]:
-    """Saved models by the names of their files."""
+    """Saved models by the names of their files, those that share one by their paths."""
     from slipangle.models.model import Model
     from slipangle.models.storage import load
 
+    stems = Counter(Path(file).stem for file in {*files})
     models: dict[str, Model] = {}
     for file in files:
         record = load(file)
@@ -227,7 +228,8 @@ def load_models(files: list[str]) -> dict[str, Model]:
                 f"'{file}' holds a {type(record).__name__}; expected a model: name a file that 'slipangle identify' "
                 "wrote"
             )
-        models[Path(file).stem] = record
+        stem = Path(file).stem
+        models[stem if stems[stem] == 1 else str(Path(file).with_suffix(""))] = record
     return models
 
 

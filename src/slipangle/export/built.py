@@ -19,7 +19,7 @@ from slipangle.export.drives import DEFAULT_STEPS, Drive
 from slipangle.export.kinds import project_of
 from slipangle.export.loops import LOOPS
 from slipangle.export.names import checked, with_prefix
-from slipangle.export.project import write
+from slipangle.export.project import Project, write
 from slipangle.export.settings import place, require_drive
 from slipangle.files import write_atomic
 from slipangle.models.storage import save as save_record
@@ -67,21 +67,24 @@ def build(
     project = project_of(controller, checked(name) if name else "", drive)
     if "interface" not in project.facts:
         raise ParameterError(f"a {type(controller).__name__} is no controller; expected one: it is exported only")
-    target = write(project, folder, force=force)
+    return write(project, folder, force=force, more=lambda scratch: _compile(project, controller, portable, scratch))
+
+
+def _compile(project: Project, controller: Controller | Driver | Racer, portable: bool, folder: Path) -> None:
+    """Put the library beside its sources, the model or path too, and all of it into their manifest."""
     library = f"{project.name}{compiler.SUFFIX}"
-    sources = [target / with_prefix(name, project.name) for name in project.sources]
-    made = compiler.compile_file(sources, target / library, flags=project.flags, portable=portable)
+    sources = [folder / with_prefix(name, project.name) for name in project.sources]
+    made = compiler.compile_file(sources, folder / library, flags=project.flags, portable=portable)
     whole = isinstance(controller, Driver | Racer)
-    record = json.loads((target / "manifest.json").read_text(encoding="utf-8"))
+    record = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     record["build"] = {
         "library": library,
-        "sha256": _sum(target / library),
+        "sha256": _sum(folder / library),
         **made,
         **machine(portable),
-        **(keep_path(controller.path, target) if whole else _keep_model(controller, target)),
+        **(keep_path(controller.path, folder) if whole else _keep_model(controller, folder)),
     }
-    write_atomic(target / "manifest.json", json.dumps(record, indent=2) + "\n")
-    return target
+    write_atomic(folder / "manifest.json", json.dumps(record, indent=2) + "\n")
 
 
 def _keep_model(controller: Controller, target: Path) -> dict[str, Any]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
@@ -80,7 +80,19 @@ def replay(name: str) -> str:
     return template(name).replace("@READ_NUMBERS@", template("read_numbers.c"))
 
 
-def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
+def written(folder: Path) -> list[str]:
+    """Names of the files of the project in a folder, which may hold others too."""
+    record = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    build = record.get("build", {})
+    names = {"manifest.json", *record["sha256"], *build.get("files", {})}
+    if build:
+        names |= {build["library"]} | ({"model.json"} if "starts" in build and "without_model" not in build else set())
+    return sorted(names)
+
+
+def write(
+    project: Project, folder: str | Path, *, force: bool = False, more: Callable[[Path], object] = lambda scratch: None
+) -> Path:
     """Write a project into a folder, which is new or empty, whole or not at all.
 
     Parameters
@@ -91,11 +103,13 @@ def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
         Where.
     force : bool
         Write into a folder that is not empty too: files of the same names are replaced, others stay.
+    more : callable, optional
+        Adds to the files while nothing of them is in place yet; of the scratch folder that holds them.
 
     Raises
     ------
     WriteError
-        If the folder is not empty, or cannot be written.
+        If the folder is not empty, holds a folder by the name of a file, or cannot be written.
     """
     target = Path(folder)
     check_output(target)
@@ -104,18 +118,30 @@ def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
             f"the folder '{target}' is not empty; expected a new one: name another, or replace what is there with "
             "force (--force)"
         )
+    new = not target.exists()
     output_folder(target)
     try:
         with tempfile.TemporaryDirectory(dir=target, prefix=".export.") as scratch:
             for name, text in project.everything.items():
                 (Path(scratch) / name).write_text(text, encoding="utf-8", newline="\n")
-            for name in project.everything:
-                if (target / name).is_dir():
-                    shutil.rmtree(target / name)
+            more(Path(scratch))
+            names = {p.name for p in Path(scratch).iterdir()} - {"manifest.json"}
+            ordered = (*sorted(names), "manifest.json")  # which says what belongs together
+            folders = [name for name in ordered if (target / name).is_dir()]
+            if folders:
+                raise WriteError(
+                    f"'{target / folders[0]}' is a folder, where a file is to be written; expected no folder of that "
+                    "name: move it, or name another place"
+                )
+            for name in ordered:
                 os.replace(Path(scratch) / name, target / name)
     except OSError as error:
         raise WriteError(
             f"'{target}' cannot be written ({error.strerror or error}); expected a folder with write permission and "
             "room: name another one"
         ) from None
+    finally:
+        if new:
+            with suppress(OSError):  # it holds what was written
+                target.rmdir()
     return target

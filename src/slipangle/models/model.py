@@ -24,6 +24,7 @@ from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooS
 from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
+from slipangle.numerics.critical import quantile
 from slipangle.ops import Vector
 from slipangle.shown import Brief, Shown
 
@@ -152,10 +153,11 @@ class FitInfo(Shown, Equal):
         return float(np.sqrt(max(by[used] @ known[np.ix_(used, used)] @ by[used], 0.0)))
 
     def interval(self, level: float = 0.95) -> np.ndarray:
-        """Confidence interval of each estimate, shape (n_free, 2), from the normal distribution."""
-        from scipy.stats import norm
+        """Confidence interval of each estimate, shape (n_free, 2), from the normal distribution.
 
-        half = norm.ppf(0.5 + level / 2) * self.std
+        Raises ParameterError unless the level is between 0 and 1.
+        """
+        half = quantile(level) * self.std
         return np.column_stack([self.values - half, self.values + half])
 
     @property

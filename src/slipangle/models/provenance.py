@@ -1,7 +1,7 @@
 """Which samples a model was fitted to, known again by their content: renamed, cut up or moved in time."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class Fingerprint:
     lively: np.ndarray  # whether it is unlikely to occur twice, unlike a stretch at rest
     low: np.ndarray  # smallest value of each output
     high: np.ndarray  # largest
+    changes: "Fingerprint | None" = field(default=None, metadata={"may be missing in a file": True})  # between samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,30 +55,41 @@ def provenance(data: Dataset, outputs: Sequence[str] | None = None) -> dict[str,
 
 
 def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
-    """`Fingerprint` of the outputs of a record."""
+    """`Fingerprint` of the outputs of a record, and of their changes, in which an offset is not."""
     y = data.columns(tuple(outputs))
-    samples = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
+    place: dict[str, Any] = {
+        "outputs": tuple(outputs),
+        "dt": data.dt,
+        "starts": data.starts,
+        "start_times": tuple(map(float, data.start_times)),
+        "n_samples": data.n_samples,
+    }
+    steps = np.diff(y, axis=0, append=y[-1:])
+    within = _marked(steps, [(a, b - 1) for a, b in zip(data.starts, data.stops, strict=True)], MARKS // 4)
+    kept = within["lively"]
+    changes = Fingerprint(**place, **within | {key: within[key][kept] for key in ("rows", "marks", "lively")})
+    return Fingerprint(**place, **_marked(y, zip(data.starts, data.stops, strict=True)), changes=changes)
+
+
+def _marked(y: np.ndarray, experiments: Iterable[tuple[int, int]], marks: int = MARKS) -> dict[str, Any]:
+    """What a `Fingerprint` keeps of values, from the first row of each experiment to one past its last."""
+    samples = [_chosen(y, a, b, marks) for a, b in experiments]
     rows = np.concatenate([rows for rows, _ in samples])
-    return Fingerprint(
-        outputs=tuple(outputs),
-        dt=data.dt,
-        starts=data.starts,
-        start_times=tuple(map(float, data.start_times)),
-        n_samples=data.n_samples,
-        rows=rows,
-        marks=_folded(_row_numbers(y[rows[:, None] + np.arange(WINDOW)]).T),
-        lively=np.concatenate([lively for _, lively in samples]),
-        low=y.min(axis=0, initial=np.inf),
-        high=y.max(axis=0, initial=-np.inf),
-    )
+    return {
+        "rows": rows,
+        "marks": _folded(_row_numbers(y[rows[:, None] + np.arange(WINDOW)]).T),
+        "lively": np.concatenate([lively for _, lively in samples]),
+        "low": y.min(axis=0, initial=np.inf),
+        "high": y.max(axis=0, initial=-np.inf),
+    }
 
 
-def _chosen(y: np.ndarray, first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+def _chosen(y: np.ndarray, first: int, stop: int, marks: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows at which the windows of one experiment start, and which of those are lively."""
     last = stop - WINDOW
     if last < first:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool)
-    wanted = max(2, round(MARKS * (stop - first) / len(y)))
+    wanted = max(2, round(marks * (stop - first) / len(y)))
     rows, distinct = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=int)
     for count in (4 * wanted, 128 * wanted):  # a closer look where most of the record is at rest
         rows = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(np.int64))
@@ -109,20 +121,28 @@ def _row_numbers(y: np.ndarray) -> np.ndarray:
 def overlap(seen: Fingerprint, data: Dataset) -> Overlap | None:
     """Samples of a record that are in another one's fingerprint; None where there are none.
 
-    The record may have any name and time. Overlaps shorter than a window, or than the distance of two windows inside a
-    long record, may go unseen.
+    The record may have any name and time, and other offsets. Overlaps shorter than a window, or than the distance of
+    two windows inside a long record, may go unseen.
     """
-    if not len(seen.marks) or any(o not in data for o in seen.outputs):
+    if any(o not in data for o in seen.outputs):
+        return None
+    found = _shared(seen, data, 0)
+    return _shared(seen.changes, data, 1) if found is None and seen.changes is not None else found
+
+
+def _shared(seen: Fingerprint, data: Dataset, steps: int) -> Overlap | None:
+    """`overlap` by the values, or by what they change in one step."""
+    if not len(seen.marks):
         return None
     order = np.argsort(seen.marks, kind="stable")
     used, earlier = np.zeros(data.n_samples, dtype=bool), np.inf
     y = data.columns(seen.outputs)
     for a, b, t0 in zip(data.starts, data.stops, data.start_times, strict=True):
-        if b - a < WINDOW:
+        if b - a - steps < WINDOW:
             continue
-        numbers = _rolling(y[a:b])
-        for own, then in _again(seen, order, numbers, b - a, float(t0)):
-            used[a:b][own] = True
+        numbers = _rolling(np.diff(y[a:b], n=steps, axis=0))
+        for own, then in _again(seen, order, numbers, b - a - steps, float(t0)):
+            used[a:b][own.start : own.stop + steps] = True
             earlier = min(earlier, then)
     return Overlap(rows=used, earlier=earlier) if used.any() else None
 

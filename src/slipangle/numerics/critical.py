@@ -5,11 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
+
+from slipangle.errors import ParameterError, shown
 
 NORMAL = 1.96  # critical value, at 95 %, of an estimate whose standard deviation is known
 _DRAWS, _FEWEST, _MOST = 2000, 20, 200  # per share of the lags in the samples; bounds: few lags scatter little
 _LARGEST = 100.0  # critical value
+
+
+def require_level(level: float) -> None:
+    """Raise ParameterError unless a confidence level is between 0 and 1."""
+    if not 0 < level < 1:
+        raise ParameterError(f"the confidence level is {shown(level)}; expected a share between 0 and 1: 95 % is 0.95")
+
+
+def quantile(level: float) -> float:
+    """Half width of a confidence interval in standard deviations, of the normal distribution.
+
+    >>> round(quantile(0.95), 3)
+    1.96
+
+    Raises ParameterError unless the level is between 0 and 1.
+    """
+    require_level(level)
+    return float(ndtri(0.5 + level / 2))
 
 
 def critical_values(

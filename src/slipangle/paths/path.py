@@ -207,8 +207,17 @@ class Path(Shown):
         return line if origin is None else replace(line, origin=origin)
 
     def with_speed(self, v_x: float | np.ndarray) -> Self:
-        """The path at a constant speed or with the given profile, shape (n,). [m/s]"""
-        return replace(self, v_x=np.broadcast_to(np.asarray(v_x, dtype=float), self.s.shape))
+        """The path at a constant speed or with the given profile, shape (n,). [m/s]
+
+        Raises ParameterError if the profile has another length than `s`.
+        """
+        v = np.asarray(v_x, dtype=float)
+        if v.shape not in ((), (1,), self.s.shape):
+            raise ParameterError(
+                f"the speed profile has shape {v.shape}; expected {self.s.shape}, a speed at each place of s: or give "
+                "one for all"
+            )
+        return replace(self, v_x=np.broadcast_to(v, self.s.shape))
 
     def with_speed_limits(self, *, v_max: float, a_y: float, a_x: float, a_brake: float | None = None) -> Self:
         """The path with the fastest speed profile that keeps to acceleration limits, all positive. [m/s, m/s2]

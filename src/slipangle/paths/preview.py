@@ -68,6 +68,11 @@ class Preview:
         return np.append(rate, rate[-1:])
 
     @property
+    def marked(self) -> bool:
+        """Whether an edge of the lane is marked anywhere there."""
+        return bool(np.isfinite(self.left).any() or np.isfinite(self.right).any())
+
+    @property
     def r(self) -> np.ndarray:
         """Yaw rate of following the path at its speed. [rad/s]"""
         return self.curvature * self.v_x

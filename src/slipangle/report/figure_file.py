@@ -17,7 +17,7 @@ from typing import Literal
 import plotly.graph_objects as go
 from plotly.utils import PlotlyJSONEncoder
 
-from slipangle.errors import ConfigError, ParameterError, WriteError
+from slipangle.errors import ConfigError, ParameterError
 from slipangle.extras import extra
 from slipangle.files import write_atomic
 from slipangle.report.bundle import bundle
@@ -85,13 +85,7 @@ def save_figure(
         drawn = _drawn(printed, Path(folder))
         if kind == ".svg":
             return write_atomic(place, drawn)
-        made = _printed(drawn, wide, tall, Path(folder))
-        try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(made, place)
-        except OSError as error:
-            raise WriteError(f"'{place}' cannot be written: {error.strerror}; choose another place") from None
-    return place
+        return write_atomic(place, _printed(drawn, wide, tall, Path(folder)).read_bytes())
 
 
 def sized(figure: go.Figure, width: int, height: int, font: float) -> go.Figure:

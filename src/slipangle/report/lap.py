@@ -9,8 +9,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
-from slipangle.models.analysis.responses import quantile
-from slipangle.optimal.lap.driven import DrivenLap, LapDelta
+from slipangle.numerics.critical import quantile
+from slipangle.optimal.lap.driven import DrivenLap, LapDelta, Sector
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.optimal.lap.lap import Lap
 from slipangle.paths.path import Path
@@ -24,6 +24,7 @@ from slipangle.report.style import SLATE, compact, new_figure, series_style
 from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import read_in, speed_said
 
+BEATEN = 0.002  # part of its time by which a driven lap beats the fastest one, and not by what its places leave open
 VAGUE = 0.01  # standard deviation of a lap time, in parts of it, from which it is no good answer
 _FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of drawn edges
 _COLOURS = {
@@ -112,14 +113,36 @@ def delta_figure(delta: LapDelta) -> go.Figure:
 def sector_table(delta: LapDelta) -> Table:
     """Where a driven lap loses time, in driving order."""
     titles = ("from", "m"), ("to", "m"), ("slowest at", "m"), ("lost", "s")
-    worst = max(delta.sectors, key=lambda sector: sector.lost)
     rows = tuple(Row((s.begin, s.end, s.corner, s.lost)) for s in delta.sectors)
     return Table(
         title=f"Lap {delta.driven.number}: {delta.delta[-1]:+.3f} s",
         columns=tuple(Heading(*title) for title in titles),
         rows=rows,
-        caption=f"A sector is a corner with half of the straights beside it. You lose {worst.lost:.2f} s at "
-        f"{worst.corner:.0f} m, the most of all.",
+        caption=f"A sector is a corner with half of the straights beside it. {_most_lost(delta)}",
+    )
+
+
+def lost_most(delta: LapDelta, count: int) -> list[Sector]:
+    """So many sectors that lose the most, which are fewer where the others lose nothing."""
+    ordered = sorted(delta.sectors, key=lambda sector: -sector.lost)
+    return [sector for sector in ordered[:count] if round(sector.lost, 2) > 0]
+
+
+def _most_lost(delta: LapDelta) -> str:
+    worst = lost_most(delta, 1)
+    if not worst:
+        return f"You lose nothing in any.{beaten(delta)}"
+    return f"You lose {worst[0].lost:.2f} s at {worst[0].corner:.0f} m, the most of all.{beaten(delta)}"
+
+
+def beaten(delta: LapDelta) -> str:
+    """End of a sentence on a driven lap that is faster than the fastest one of its car; empty where it is not."""
+    gained = -float(delta.delta[-1])
+    if gained <= BEATEN * delta.lap.time:
+        return ""
+    return (
+        f" The driven lap is {gained:.2f} s faster than the fastest lap of this car, which it cannot be: its grip or "
+        "its power is set too low, or the log's clock is off."
     )
 
 
@@ -175,11 +198,12 @@ def lap_page(
     lap time, see `Lap.time_std`. [s]
     """
     factor, unit = read_in("v_x", "m/s")
+    faster = "" if delta is None else beaten(delta)
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
-        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.{open_said(lap, std)}",
-        tone="fair" if std > VAGUE * lap.time else "good",
+        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.{open_said(lap, std)}{faster}",
+        tone="poor" if faster else "fair" if std > VAGUE * lap.time else "good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),
             Number(label="highest speed", value=factor * float(lap.v_x.max()), unit=unit, digits=4),

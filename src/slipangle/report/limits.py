@@ -108,7 +108,8 @@ def gg_diagram(
     """g-g diagram: accelerations along and across the car, of a log, of a car's limits, or the log inside the limits.
 
     The limits are quasi-steady: both axles balance the car's yaw inside their friction ellipses, under load transfer,
-    downforce and drag ([1]_; `slipangle.optimal.lap.envelope.envelope`). Where the power of the engine is not known,
+    downforce and drag, and use 98 % of their longitudinal force, as a fastest lap does ([1]_;
+    `slipangle.optimal.lap.envelope.envelope`). Where the power of the engine is not known,
     the tires alone bound the driving side. Accelerations that are no channels of the log follow from its motion:
     ``a_x = dv_x/dt - v_y r`` and ``a_y = dv_y/dt + v_x r``, with v_y zero where it was not measured.
 

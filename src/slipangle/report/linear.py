@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 
 from slipangle.models.analysis.handling import QUANTITIES, Handling
 from slipangle.models.analysis.linearised import LinearisedModel
-from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse, quantile
+from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse
+from slipangle.numerics.critical import quantile
 from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style, wrap
 from slipangle.report.tables import Heading, Row, Table, number, to_digit
 from slipangle.units import read_in, shows_si, speed_said

@@ -155,7 +155,7 @@ def _(result: Run) -> Table:
         ("distance from the path, RMS", result.rmse("y"), "m"),
         ("distance from the path, largest", result.max("y"), "m"),
         ("time of the drive", float(result.t[-1] - result.t[0]), "s"),
-        ("inside the lanes", result.inside, ""),
+        ("inside the lanes", result.inside if result.marked else "none are marked", ""),
     ]
     if len(result.plans):
         late = 1000 * float(np.percentile(result.seconds, 99))

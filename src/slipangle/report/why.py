@@ -64,6 +64,7 @@ def _alternatives(head: str) -> tuple[tuple[str, ...], ...]:
 
 
 def _plain(text: str) -> str:
-    """Without the marks of Markdown; the first letter large."""
+    """Without the marks of Markdown; the first letter large, unless it is of code."""
+    code = text.startswith("`")
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(text.split())).replace("`", "")
-    return text[:1].upper() + text[1:]
+    return text if code else text[:1].upper() + text[1:]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ class PlantFMU(Brief):
                 part.freeInstance()
             except Exception:  # of code that is not ours; it is over anyway
                 pass
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._removed()
 
     def __enter__(self) -> PlantFMU:
         return self
@@ -131,6 +132,7 @@ class PlantFMU(Brief):
 
     def _load(self) -> None:
         self._folder, self._begun = tempfile.mkdtemp(prefix="slipangle-fmu-"), False
+        self._removed = weakref.finalize(self, shutil.rmtree, self._folder, True)  # at the latest when Python ends
         kind = self._fmpy.fmi3.FMU3Slave if self._newer else self._fmpy.fmi2.FMU2Slave
         try:
             self._fmpy.extract(str(self.path), unzipdir=self._folder)
@@ -239,7 +241,7 @@ class PlantFMU(Brief):
         unit = v.unit or getattr(getattr(v, "declaredType", None), "unit", None) or ""
         if not unit or not units.known(unit):
             return 1.0
-        return float(units.to_si(1.0, unit))
+        return float(units.to_si(1.0, unit) - units.to_si(0.0, unit))  # kelvins stay, from whichever zero
 
 
 def _require_mappings(**given: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
@@ -156,7 +157,8 @@ class Fleet:
             steepest = SLOPE * self._inputs[:, 5:7].max()
             raise ParameterError(
                 f"the axles' cornering stiffness over load and friction reaches {steepest:.3g} per rad; "
-                f"expected at most {SLOPE * MOST:g}: check C_f, C_r and the mass"
+                f"expected at most {SLOPE * MOST:g}: raise the friction from {self.friction:g} to "
+                f"{math.ceil(100 * self.friction * steepest / (SLOPE * MOST)) / 100:g}, or check C_f, C_r and the mass"
             )
 
     @property

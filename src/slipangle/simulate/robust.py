@@ -24,12 +24,12 @@ from slipangle.paths.path import Path
 from slipangle.simulate.compiled import Crew
 from slipangle.simulate.loop import FAR, Starts
 from slipangle.simulate.perturbed import Fleet, Spread
+from slipangle.simulate.run import SIDE
 from slipangle.simulate.trials import COLUMNS, Trials
 
 STEP = 0.001  # s, of the plant
 EVERY = 10  # steps between samples of the record
 AHEAD = ("v_x_dot",)  # what the path says of the time to come
-SIDE = 0.5  # m, from a path without lanes
 UNMOVED = ("delta_r", "M_z", "bank")  # inputs of a model that these cars have not, which they measure as zero
 
 
@@ -305,8 +305,7 @@ class _Race:
             done = feet[:, 0] >= length
             last = int(np.argmax(done)) + 1 if done.any() else len(feet)
             lane, e_y = self.path.at(feet[:last, 0]), feet[:last, 1]
-            marked = np.isfinite(lane.left).any() or np.isfinite(lane.right).any()
-            left, right = (lane.left, lane.right) if marked else (half + SIDE, half + SIDE)
+            left, right = (lane.left, lane.right) if lane.marked else (half + SIDE, half + SIDE)
             margin = min(float(np.min(left - e_y)), float(np.min(right + e_y))) - half
             finished = bool(done.any()) and np.abs(e_y).max() <= FAR
             rows.append([finished and margin >= 0, margin, np.abs(e_y).max(), finished, self.fallbacks[i]])

@@ -10,6 +10,8 @@ from slipangle.optimal.solution import Plan, Status, count
 from slipangle.paths.path import Path
 from slipangle.shown import Shown
 
+SIDE = 0.5  # m, from a path without lanes
+
 
 class End(Enum):
     """Why a drive ended."""
@@ -58,11 +60,8 @@ class Run(Shown):
     end: End
 
     def _words(self) -> str:
-        lane = self.path.at(self.s)
-        marked = np.isfinite(lane.left).any() or np.isfinite(lane.right).any()
-        where = (
-            "outside its lanes" if not self.inside else "inside its lanes" if marked else "where no lanes are marked"
-        )
+        lanes = "inside its lanes" if self.marked else "where no lanes are marked"
+        where = lanes if self.inside else "outside its lanes"
         return f"{self.t[-1] - self.t[0]:.4g} s, {where}, {self.rmse('y'):.3g} m (RMS) from the path; {self.end.value}"
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -114,6 +113,16 @@ class Run(Shown):
         lane = self.path.at(self.s)
         half = 0.5 * self.width
         return bool(np.all((self.e_y + half <= lane.left) & (self.e_y - half >= -lane.right)))
+
+    @property
+    def marked(self) -> bool:
+        """Whether an edge of the lane is marked anywhere along the drive."""
+        return self.path.at(self.s).marked
+
+    @property
+    def kept(self) -> bool:
+        """Whether the end of the path was reached `inside` the lanes or, without any, at most `SIDE` from the path."""
+        return self.finished and (self.inside if self.marked else self.max("y") <= SIDE)
 
     @property
     def finished(self) -> bool:

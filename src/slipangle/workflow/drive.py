@@ -5,6 +5,7 @@ A package adds a vehicle to drive with ``@PLANTS.register("name")`` above a func
 Controllers are in `slipangle.workflow.controllers`.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,8 +58,8 @@ class PlantSettings:
     catalogue : str
         A car of the catalogue.
     friction : float
-        Where the car is made of the identified bicycle: friction coefficient at which its tires saturate; on tires of
-        files the road's, relative to that of their test.
+        Where the car is made of the identified bicycle: friction coefficient at which its tires saturate, some 0.2 at
+        least, the stiffer its axles the more; on tires of files the road's, relative to that of their test.
     tire, tire_f, tire_r : str
         Tire file, ``.tir`` or ``.json``, of all wheels, or one for each axle, relative to the job's folder: then the
         car is a dual track of the identified mass and geometry, or the catalogue's, on these tires.
@@ -312,6 +313,8 @@ def around(
 
     Shape factors are typical of passenger-car tires (C = 1.3 across, 1.65 along, E = -0.5); the
     longitudinal stiffness is twice the cornering stiffness at equal load.
+
+    Raises ConfigError if the friction is so low that the tires would saturate at once.
     """
     params = SingleTrackParams(
         **{
@@ -322,6 +325,14 @@ def around(
         inertia_wheel_r=2e-3 * p.mass,
         radius=0.32,
     )
+
+    steepest = max(p.C_f / params.load_f, p.C_r / params.load_r) / 2
+    lowest = 2 * steepest / (1.65 * MagicCurve.metadata()["B"].upper)
+    if friction < lowest:
+        raise ConfigError(
+            f"[plant] friction is {friction:g}, at which tires as stiff as those identified have saturated before they "
+            f"slip; expected {math.ceil(1000 * lowest) / 1000:g} or more: raise it, or give tires of files (tire)"
+        )
 
     def tire(axle_stiffness: float, load: float) -> SimpleMagicFormula:
         slope = axle_stiffness / (2 * load)  # friction coefficient per rad

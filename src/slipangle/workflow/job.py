@@ -91,7 +91,8 @@ class Outcome:
             record["closed_loop"] = {
                 "rmse_y": self.run.rmse("y"),
                 "max_y": self.run.max("y"),
-                "inside_lane": self.run.inside,
+                "inside_lane": self.run.inside if self.run.marked else None,
+                "kept": self.run.kept,
                 "end": self.run.end.name,
                 "finished": self.run.finished,
                 "fallbacks": self.run.fallbacks,

@@ -38,7 +38,7 @@ class LapSettings:
     iterations : int
         How often the solver may try.
     driven : file
-        A log with X, Y or latitude, longitude, whose best lap is held against the fastest one.
+        A log with X, Y or latitude, longitude (lat, lon), whose best lap is held against the fastest one.
     origin : list
         Latitude and longitude where the track's x and y are zero, for a log with latitude, longitude. [deg]
     """

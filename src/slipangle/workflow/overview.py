@@ -74,9 +74,8 @@ def picture(outcome: Outcome) -> Playback | None:
     line = np.column_stack([run.path.X, run.path.Y])
     body = report.Body(width=wanted.width)
     said = f"The closed loop at {speed_said(wanted.v_x)}, seen from above"
-    label = (
-        f"{said}: largest distance from the path {100 * run.max('y'):.0f} cm, {'inside' if run.inside else 'outside'}"
-    )
+    lanes = f", {'inside' if run.inside else 'outside'}" if run.marked else ""
+    label = f"{said}: largest distance from the path {100 * run.max('y'):.0f} cm{lanes}"
     edges: dict[str, Any] = {"reference": line, "left": left, "right": right}
     svg = seen_from_above(run["X"], run["Y"], run["psi"], body=body, label=label, moving=True, **edges)
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
@@ -176,8 +175,9 @@ def next_step(outcome: Outcome) -> str:
             return f'Next: set solver = "realtime"; the solver takes {1000 * late:.0f} of {1000 * wanted.dt:.0f} ms.'
         if run.inside and not run.finished:
             return "Next: look why the car does not come to the end of its path; then judge the controller."
-        if not run.inside:
-            return "Next: drive slower, widen the limits or change the weights; the car leaves its lanes."
+        if not run.kept:
+            left = "lanes" if run.marked else "path"
+            return f"Next: drive slower, widen the limits or change the weights; the car leaves its {left}."
         if outcome.tried is not None and outcome.tried.trials is not None and not outcome.tried.trials.good:
             return "Next: make the controller bear other cars (slipangle robust), then slipangle export c."
         return "Next: slipangle export c writes the controller as C."

@@ -29,7 +29,9 @@ class ColumnSettings:
     column : str
         Name in the file's header, with or without its unit.
     unit : str
-        Unit of the file's numbers; by default the one in the header.
+        Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
+    override : bool
+        Take ``unit`` even if the header names another one.
     scale, offset : float
         Of raw counts: physical = scale * raw + offset, in ``unit``.
     sign : int
@@ -42,6 +44,7 @@ class ColumnSettings:
 
     column: str = ""
     unit: str = ""
+    override: bool = False
     scale: Annotated[float, Within(-1e12, 1e12)] = 1.0
     offset: Annotated[float, Within(-1e12, 1e12)] = 0.0
     sign: Literal[1, -1] = 1
@@ -61,6 +64,7 @@ class ColumnSettings:
         return Column(
             self.column,
             self.unit or None,
+            override=self.override,
             scale=self.scale,
             offset=self.offset,
             sign=self.sign,
@@ -96,7 +100,7 @@ class DataSettings:
     rate : float
         What the log is resampled to, after a zero-phase low-pass. [Hz]
     cutoff : float
-        Of that low-pass; by default 0.4 times the rate. [Hz]
+        Of that low-pass; by default 0.4 times the rate. Without a rate the log is low-passed at its own. [Hz]
     despike : tuple of str
         Channels whose spikes are replaced by what lies between their neighbours.
     hold : str

@@ -10,8 +10,10 @@ from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.robust import CHANGES
 from slipangle.report.tables import Tone
+from slipangle.simulate.run import SIDE
 from slipangle.simulate.trials import ENOUGH
 from slipangle.units import read_in, speed_said
+from slipangle.workflow.drive import ControllerSettings
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.overview import overview
 from slipangle.workflow.robustness import Tried
@@ -89,22 +91,25 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     in_time = late < wanted.dt
     others = outcome.tried
     word: Tone = "good" if others is None else "fair" if others.trials is None else others.trials.word
-    own: Tone = "poor" if not (run.inside and run.finished) else "good" if run.fallbacks == 0 and in_time else "fair"
+    own: Tone = "poor" if not run.kept else "good" if run.fallbacks == 0 and in_time else "fair"
     order: tuple[Tone, ...] = ("good", "fair", "poor")
     tone = order[max(order.index(word), order.index(own))]
     named = {"mpc": "An MPC", "driver": "A driver"}.get(wanted.kind, f"The controller {wanted.kind}")
-    where = "stays inside its lanes" if run.inside else "leaves its lanes"
+    if run.marked:
+        where = "stays inside its lanes" if run.inside else "leaves its lanes"
+    else:
+        far = "keeps within" if run.max("y") <= SIDE else "goes farther than"
+        where = f"{far} {100 * SIDE:.0f} cm from a path without lanes"
     if not run.finished:
         where += f", {run.s.max():.0f} of {run.path.length:.0f} m far, until {run.end.value}"
     sentence = (
-        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {speed_said(wanted.v_x)} and "
-        f"{where}, "
+        f"{named} on “{wanted.model}” drives {_driven(wanted)} {speed_said(wanted.v_x)} and {where}, "
         f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
     )
     if run.fallbacks:
         sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
     if others is not None:
-        sentence += f" {_on_others(others)}"
+        sentence += f" {_on_others(others, run.marked)}"
     deadline = f"deadline {1000 * wanted.dt:g} ms, margin {100 * (1 - late / wanted.dt):.0f} %"
     numbers = (
         Number(label="lateral error, RMS", value=run.rmse("y"), unit="m", digits=3),
@@ -122,15 +127,25 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     )
 
 
-def _on_others(others: Tried) -> str:
+def _driven(wanted: ControllerSettings) -> str:
+    """What was driven, and how its speed is meant."""
+    if wanted.track is not None:
+        return f"the track “{wanted.track.name}” at up to"
+    return f"{_MANOEUVRE[wanted.manoeuvre]} at"
+
+
+def _on_others(others: Tried, marked: bool) -> str:
     """What cars that differ from the model do, in sentences."""
     trials = others.trials
     if trials is None:
         return f"It was not tried on cars that differ from the model: {others.why_not}."
     count, row, (name, gain) = len(trials), trials.worst, others.cause
     margin = trials.column("margin")[row]
-    said = f"{round(count * trials.share)} of {count} cars that differ from the model stay inside."
+    stay = "stay inside" if marked else "stay so near"
+    said = f"{round(count * trials.share)} of {count} cars that differ from the model {stay}."
     end = f"{100 * margin:.0f} cm from its lane's edge" if margin >= 0 else "leaves its lanes"
+    if not marked:
+        end = f"{'' if margin >= 0 else 'goes '}{100 * (SIDE - margin):.0f} cm from its path"
     why = f", most of all by its {CHANGES[name][0]}" if gain > 0 else ""
     return f"{said} The worst of them {'stays ' if margin >= 0 else ''}{end}{why}. {trials.lacking}".strip()
 

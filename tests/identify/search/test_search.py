@@ -1,6 +1,7 @@
 """The search: same trials whoever computes them, nothing lost when it stops, failures kept with their reason."""
 
 import os
+import signal
 import sys
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.search.narx import THESIS, WIDER, NarxObjective
-from slipangle.identify.search.pool import Task, attempt
+from slipangle.identify.search.pool import Local, Task, attempt
 from slipangle.identify.search.search import Choice, Range, Search, SearchResult, TrialResult, columns
 from tests.identify.networks.test_hybrid import nonlinear_response
 
@@ -32,6 +33,11 @@ def deadly(settings, seed, report):
     return bowl(settings, seed)
 
 
+def stopped(settings, seed, report):
+    os.kill(os.getpid(), signal.SIGINT)
+    return 0.0
+
+
 @pytest.fixture
 def optuna():
     return pytest.importorskip("optuna")
@@ -43,6 +49,15 @@ def quick(**kwargs):
 
 def plain(result):
     return [(t.number, t.settings, t.score, t.failure) for t in result.trials]
+
+
+def test_an_interrupt_ends_a_worker_without_a_word(capfd):
+    """A terminal sends it to all processes; who waits for them says what there is to say."""
+    pool = Local(1)
+    [(_, done)] = pool.work(stopped, [Task(number=0, settings={}, seed=0)])
+    pool.close()
+    assert done["failure"] == "its process died twice"
+    assert "KeyboardInterrupt" not in capfd.readouterr().err
 
 
 def test_workers_do_not_change_the_trials(optuna):

@@ -13,6 +13,8 @@ from slipangle.errors import ConfigError, ModelWarning, ParameterError
 from slipangle.models.analysis.linearize import linearize
 from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.models.wrappers.delayed import Delayed
@@ -149,6 +151,12 @@ def test_a_turning_car_is_softer_than_a_straight_one():
     assert sizes[0] > sizes[1] > sizes[2]
     with pytest.raises(ParameterError, match="no steady state at v_x = 25 m/s and a_y = 30 m/s2"):
         linearize(model, v_x=25.0, a_y=30.0)
+
+
+def test_what_holds_a_speed_is_named_as_the_model_names_it():
+    car = DualTrack(params=BMW_320I, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001, outputs=("r",))
+    with pytest.raises(ParameterError, match=r"no steady state at v_x = 15 m/s .* such as inputs=\{'throttle': "):
+        linearize(car, v_x=15.0)
 
 
 def test_a_delay_lags_and_changes_no_gain():

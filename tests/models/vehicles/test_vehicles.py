@@ -295,6 +295,14 @@ def test_every_size_of_car_is_one_and_a_mass_in_grams_or_tonnes_is_named(mass, w
                 BicycleParams(mass=wrong, **own)
 
 
+@pytest.mark.parametrize("l_f", [2.7, 3.0, 12.0])
+def test_a_centre_of_gravity_behind_the_rear_axle_is_said(l_f):
+    known = dict(mass=1500, wheelbase=2.7, inertia_z=2500, C_f=8e4, C_r=9e4)
+    with pytest.warns(ModelWarning, match=f"l_f is {l_f:g} m and the wheelbase 2.7 m; .* between the axles"):
+        BicycleParams(l_f=l_f, **known)
+    BicycleParams(l_f=2.69, **known)
+
+
 def test_parameters_out_of_range_say_so():
     with pytest.raises(ParameterError, match=r"mass \(vehicle mass\) is -1 kg; expected 0.001 to 100000 kg"):
         FERRARI_250LM.with_values(mass=-1.0)
@@ -307,3 +315,10 @@ def test_parameters_out_of_range_say_so():
     )
     with pytest.raises(MissingColumnError, match="no channel 'v_x'"):
         single_track(SOUSA_TABLE_6_2, outputs=("r",)).simulate(data)
+
+
+@pytest.mark.parametrize("substeps", [2.5, -1, True, "2", None])
+def test_substeps_are_counted(substeps):
+    with pytest.raises(ParameterError, match=r"substeps is .*; expected a whole number of at least 1, or 0"):
+        single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=substeps)
+    assert single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=np.int64(3)).substeps == 3

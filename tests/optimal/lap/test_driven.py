@@ -8,6 +8,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.report.lap import beaten, lap_page, lost_most, sector_table
 from tests.data.earth import degrees_of
 from tests.optimal.lap.cars import RACER, circuit, straight
 
@@ -57,6 +58,21 @@ def test_the_same_lap_loses_nothing_anywhere():
     assert all(abs(sector.lost) < 0.05 for sector in delta.sectors)
 
 
+def test_a_lap_that_is_faster_than_the_fastest_is_no_loss():
+    lap = fastest()
+    same, faster = (
+        sa.lap_delta(lap, sa.driven_laps(replace(log_of(lap), dt=pace * DT), lap.track)[0]) for pace in (1.0, 0.93)
+    )
+    assert not beaten(same)
+    said = sector_table(faster).caption
+    assert f"is {0.07 * lap.time:.2f} s faster than the fastest lap of this car" in said
+    assert "You lose nothing in any." in said
+    assert lost_most(faster, 3) == []
+    verdicts = [page.sections[0].blocks[0] for page in (lap_page(lap, "", "", delta) for delta in (same, faster))]
+    assert [verdict.tone for verdict in verdicts] == ["good", "poor"]
+    assert "its grip or its power is set too low" in verdicts[1].sentence
+
+
 def test_what_is_lost_is_lost_in_its_sector():
     lap = fastest()
     whole = sa.lap_delta(lap, sa.driven_laps(log_of(lap), lap.track)[0])
@@ -103,6 +119,21 @@ def test_latitude_and_longitude_count_from_the_track_s_origin():
     ):
         assert found.time == pytest.approx(plain.time, abs=1e-3)
         assert found.n == pytest.approx(plain.n, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"), [(("lat", "lon"), "rad"), (("lat", "lng"), "-"), (("Latitude", "Longitude"), "-")]
+)
+def test_a_log_may_call_them_as_a_track_file_does(names, unit):
+    lap = fastest()
+    data = of_angles(log_of(lap))
+    values = data.values if unit == "rad" else np.degrees(data.values)
+    other = replace(data, values=values, channels=tuple(sa.Channel(name, unit) for name in names))
+    found, known = (sa.driven_laps(log, lap.track, origin=(0.7, 0.2))[0] for log in (other, data))
+    assert found.n == pytest.approx(known.n, abs=1e-6)
+    misled = replace(data, channels=(sa.Channel("lateral"), sa.Channel("lon")))
+    with pytest.raises(MissingColumnError, match="no latitude and longitude"):
+        sa.driven_laps(misled, lap.track, origin=(0.7, 0.2))
 
 
 def test_a_track_that_does_not_say_where_it_lies_is_asked_for_its_origin():

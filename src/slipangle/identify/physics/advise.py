@@ -27,6 +27,7 @@ _SIDEWAYS = 1.1  # largest lateral acceleration, and steering times speed square
 _ROBOT = 1.5  # how much better a manoeuvre that only a robot can steer must be than one that a driver can
 _ROUNDING = 1e-14  # eigenvalue of an information matrix of ones on its diagonal over the largest, of no information
 _NO_SHARE = 1e-6  # of a parameter in an eigenvector, up to which it is the rounding of zero
+_FEWEST = 40  # samples of a manoeuvre
 _HELPS = 0.7  # expected over present standard deviation, above which a manoeuvre is no advice
 
 ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance", "lever", "relaxation")
@@ -79,7 +80,7 @@ def advise(
     is half as good again. All this holds near the fitted values: where those are far off, drive what is advised, fit
     again, and ask again.
 
-    Raises ParameterError if the model is no fit, or the parameter was not free.
+    Raises ParameterError if the model is no fit, the parameter was not free, or the duration too short.
 
     Parameters
     ----------
@@ -102,6 +103,11 @@ def advise(
     info = model.fit_info
     if info is None:
         raise ParameterError("the model is no fit; expected one that GreyBox returned: fit it first")
+    least = _FEWEST * model.dt
+    if not least * (1 - 1e-9) <= duration < np.inf:
+        raise ParameterError(
+            f"a manoeuvre's duration is {duration:g} s; expected {least:g} s or more, {_FEWEST} samples"
+        )
     shared = tuple(n for n in info.names if not n.endswith("]"))
     own = tuple(dict.fromkeys(n.partition("[")[0] for n in info.names if n.endswith("]")))
     if parameter is not None and parameter not in shared:
@@ -224,7 +230,7 @@ def _candidates(
     """Text, simulated outputs with their derivatives, and data of every manoeuvre that can be driven."""
     model, data = problem.model, problem.data
     dt, m = model.dt, model.memory
-    n = max(int(duration / dt), 40) + m
+    n = max(int(duration / dt), _FEWEST) + m
     speed = float(np.median(data["v_x"])) if "v_x" in data else None
     moving = [name for name in model.inputs if name not in ("v_x", "v_x_dot")]
     rest = {name: float(np.median(data[name])) for name in model.inputs} | {"v_x_dot": 0.0}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import socket
 import statistics
 import time
@@ -91,7 +92,9 @@ class Local:
         self.pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"))
+        """Workers that the interrupt from a terminal, which all of its processes get, ends without a word."""
+        quiet: dict[str, Any] = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
+        return ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"), **quiet)
 
     def work(self, objective: Objective, tasks: Sequence[Task]) -> Iterator[tuple[int, Done]]:
         """Yield results as they come; trials in flight when a process died are tried once more, one at a time."""

@@ -13,9 +13,9 @@ from slipangle.errors import ParameterError
 from slipangle.models.analysis.handling import parameter_of
 from slipangle.models.analysis.linearised import SHARE
 from slipangle.models.analysis.linearize import directions
-from slipangle.models.analysis.responses import quantile
 from slipangle.models.analysis.trim import STEERING, Motion, Trim, moving
 from slipangle.models.model import Model
+from slipangle.numerics.critical import quantile
 from slipangle.units import speed_said
 
 _HALVINGS = 12  # of the last step, at whose end there is no steady state any more

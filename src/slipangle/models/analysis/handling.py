@@ -13,9 +13,10 @@ import numpy as np
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.analysis.linearised import LinearisedModel
 from slipangle.models.analysis.linearize import linearize
-from slipangle.models.analysis.responses import Estimate, quantile
+from slipangle.models.analysis.responses import Estimate
 from slipangle.models.analysis.trim import STEERING
 from slipangle.models.model import Model
+from slipangle.numerics.critical import quantile
 from slipangle.units import speed_said
 
 _WEAVE = 0.2  # Hz, of the on-centre weave of ISO 13674-1

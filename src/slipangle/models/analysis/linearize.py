@@ -11,9 +11,9 @@ import numpy as np
 
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.analysis.linearised import SHARE, LinearisedModel
-from slipangle.models.analysis.responses import quantile
 from slipangle.models.analysis.trim import STEERING, Motion, Trim, moving
 from slipangle.models.model import Model
+from slipangle.numerics.critical import quantile
 
 
 def linearize(

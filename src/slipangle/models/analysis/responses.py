@@ -8,7 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from slipangle.errors import ParameterError, shown
 from slipangle.models.analysis.spectral_bands import gain_limits, phase_half, student
+from slipangle.numerics.critical import quantile
 
 
 @dataclass(frozen=True)
@@ -27,17 +29,6 @@ class Estimate:
     def __str__(self) -> str:
         sure = f" ± {quantile(0.95) * self.std:.2g}" if np.isfinite(self.std) else ""
         return f"{self.value:.4g}{sure} {self.unit}".removesuffix(" -")
-
-
-def quantile(level: float) -> float:
-    """Half width of a confidence interval in standard deviations.
-
-    >>> round(quantile(0.95), 3)
-    1.96
-    """
-    from scipy.stats import norm
-
-    return float(norm.ppf(0.5 + level / 2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +100,12 @@ class FrequencyResponse:
         return np.column_stack([self.phase - half, self.phase + half])
 
     def plot(self, *others: FrequencyResponse, kind: Literal["bode", "nyquist"] = "bode") -> Any:
-        """Bode diagram or Nyquist curve, other responses laid over; a Plotly figure that shows in a notebook."""
+        """Bode diagram or Nyquist curve, other responses laid over; a Plotly figure that shows in a notebook.
+
+        Raises ParameterError if the kind is another one.
+        """
+        if kind not in ("bode", "nyquist"):
+            raise ParameterError(f"the kind is {shown(kind)}; expected 'bode' or 'nyquist'")
         figures = import_module("slipangle.report.linear")  # a room above this one
         return (figures.bode if kind == "bode" else figures.nyquist)((self, *others))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import special, stats
 
+from slipangle.numerics.critical import require_level
+
 _CLEAR = 200.0  # squared distance from zero in variances, from which the error along the estimate is all that counts
 
 
@@ -25,6 +27,7 @@ def gain_limits(s: np.ndarray, freedom: float, level: float) -> np.ndarray:
     ----------
     .. [1] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., 2010.
     """
+    require_level(level)
     half = float(stats.t.isf((1 - level) / 2, freedom))
     tail = float(stats.norm.sf(half))
     with np.errstate(divide="ignore"):
@@ -46,6 +49,7 @@ def phase_half(s: np.ndarray, freedom: float, level: float) -> np.ndarray:
 
     Across the true direction the error is Student's. Where the gain is not told from zero, any phase is possible.
     """
+    require_level(level)
     with np.errstate(divide="ignore"):
         told = 0.5 / s**2 > stats.f.isf(1 - level, 2, freedom)
     reach = np.minimum(stats.t.isf((1 - level) / 2, freedom) * s, 1.0)

@@ -130,10 +130,12 @@ class Motion:
         scale = np.concatenate([np.maximum(1.0, np.abs(x[moved])), [_size(n) for n in wanted]])
         x, u, left = _newton(at, x, u, moved, free, scale)
         if left > 1.0:
+            pedal = next((n for n in model.inputs if n not in (*STEERING, "v_x")), "")
+            given = f", or give the inputs that hold it, such as inputs={{'{pedal}': ...}}" if pedal else ""
             place = "rest" if v_x is None else f"v_x = {v_x:g} m/s and a_y = {a_y:g} m/s2"
             raise ParameterError(
                 f"the {type(model).__name__} has no steady state at {place} that was found; expected one: take a "
-                "smaller a_y, or give the inputs that hold it, such as inputs={'T_r': 100.0}"
+                f"smaller a_y{given}"
             )
         return Trim(x=x, u=u, v_x=v_x, a_y=a_y)
 

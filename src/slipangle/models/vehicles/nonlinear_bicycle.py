@@ -175,6 +175,7 @@ class NonlinearBicycle(OdeModel):
 
 
 def with_speed_derivative(data: Dataset) -> Dataset:
-    """The data with the channel v_x_dot, central differences of v_x inside each experiment. [m/s2]"""
-    parts = [np.gradient(part["v_x"], part.dt) for part in data.experiments]
+    """The data with the channel v_x_dot, central differences of v_x inside each experiment, zero if alone. [m/s2]"""
+    speeds = [part["v_x"] for part in data.experiments]
+    parts = [np.gradient(v_x, data.dt) if len(v_x) > 1 else np.zeros(len(v_x)) for v_x in speeds]
     return data.with_channel("v_x_dot", np.concatenate(parts), "m/s2")

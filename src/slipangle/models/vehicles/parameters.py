@@ -21,7 +21,8 @@ IMPOSSIBLE = 15.0  # times beyond these
 class ChassisParams(ParameterSet):
     """Mass, geometry and steering: what every planar model needs, from a car of 40 g to a truck of 100 t.
 
-    Warns with a ModelWarning where no vehicle of this length weighs so little or so much, as with a mass in tonnes.
+    Warns with a ModelWarning where no vehicle of this length weighs so little or so much, as with a mass in tonnes, or
+    its centre of gravity does not lie between the axles.
     """
 
     mass: Annotated[float, SI("kg", "vehicle mass", 1e-3, 1e5)]
@@ -39,6 +40,11 @@ class ChassisParams(ParameterSet):
         if is_symbolic(self.mass, self.wheelbase) or is_traced(self.mass) or is_traced(self.wheelbase):
             return
         said = weight_doubt(self.mass, self.wheelbase, beyond=IMPOSSIBLE)
+        if not (is_symbolic(self.l_f) or is_traced(self.l_f) or self.l_f < self.wheelbase):
+            said = (
+                f"l_f is {self.l_f:g} m and the wheelbase {self.wheelbase:g} m; expected the centre of gravity between "
+                "the axles: check both, and their units"
+            )
         if said:
             warnings.warn(said, ModelWarning, stacklevel=3)
 

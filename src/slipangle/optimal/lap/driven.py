@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -20,6 +21,7 @@ _FAR = 30.0  # m from the track's line, where a log is one of another place
 _WIDE, _WIDE_SHARE = 10.0, 0.03  # m, and of a lap, that no car is beside a line without edges as a whole
 _RISE = 3.0  # m/s, by which the speed of a car of usual size rises before and after a place that ends a sector
 _STEP = 1.0  # m, between the places of a driven lap
+_EARTH = {"latitude": r"(gps[ _.]?)?lat(itude)?", "longitude": r"(gps[ _.]?)?(lon(g(itude)?)?|lng)"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,8 +108,8 @@ def driven_laps(data: Dataset, track: Path, *, origin: tuple[float, float] | Non
     Parameters
     ----------
     data : Dataset
-        With the place as X and Y [m] in the track's frame, or as latitude and longitude [rad]; ``v_x`` [m/s] where it
-        is known.
+        With the place as X and Y [m] in the track's frame, or as latitude and longitude [rad], also called lat and lon,
+        then in degrees where they have no unit; ``v_x`` [m/s] where it is known.
     track : Path
         Closed; edges say whether laps lie on it.
     origin : (float, float), optional
@@ -158,6 +160,7 @@ def cut_laps(data: Dataset, track: Path) -> tuple[tuple[DrivenLap, ...], float]:
 
 def _placed(data: Dataset, track: Path, origin: tuple[float, float] | None) -> tuple[Dataset, str]:
     """The log with X and Y in the track's frame [m], and in words from where they count; raises as `driven_laps`."""
+    data = _on_earth(data)
     angles = "latitude" in data and "longitude" in data
     if origin is not None and not (np.shape(origin) == (2,) and np.isfinite(origin).all()):
         raise ParameterError(f"origin is {origin!r}; expected latitude and longitude of the track's frame [rad]")
@@ -185,6 +188,16 @@ def _placed(data: Dataset, track: Path, origin: tuple[float, float] | None) -> t
             "[lap] [deg]"
         )
     return with_position(data), "its places counted from its own first sample"
+
+
+def _on_earth(data: Dataset) -> Dataset:
+    """The log with its latitude and longitude [rad] under these names; without a unit others are in degrees."""
+    for name, words in _EARTH.items():
+        found = [channel for channel in data.channels if re.fullmatch(words, channel.name, re.IGNORECASE)]
+        if name not in data and len(found) == 1:
+            given = data[found[0].name]
+            data = data.with_channel(name, given if found[0].unit == "rad" else np.radians(given), "rad")
+    return data
 
 
 def _beside(track: Path, s: Any, n: Any) -> tuple[Any, Any]:

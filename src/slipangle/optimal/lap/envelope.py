@@ -49,7 +49,8 @@ class Envelope:
 def envelope(car: LapCar, v_max: float, *, speeds: int = 24, shares: int = 15) -> Envelope:
     """Quasi-steady limits from the car's own tires, loads, air, engine and brakes, up to a speed. [m/s]
 
-    The axles balance the car's yaw, each as far as its friction ellipse goes; the drag of slip angles is left out.
+    The axles balance the car's yaw, each as far as its friction ellipse goes, and along the car to 98 % of it, where
+    what is left across has a slope; the drag of slip angles is left out.
     """
     v = np.linspace(min(_SLOW * car.size**0.5, 0.2 * v_max), v_max, speeds)[:, None]
     rest = np.asarray(car.resistance(v))
