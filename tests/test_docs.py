@@ -238,6 +238,7 @@ WARNS = {
     "models/analysis/linearize.py": (1, ("is not smooth in",)),
     "models/black_box/model.py": (1, ("no C compiler was found",)),
     "models/model.py": (1, ("goes astray",)),
+    "models/storage.py": (1, ("where its fit found",)),
     "models/tires/magic_formula/tir.py": (
         5,
         (

@@ -3,6 +3,7 @@
 import argparse
 import io
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -60,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = _parser()
     options = parser.parse_args(_joined(given))
+    options.said = shlex.join(["slipangle", *given])
     if options.function is None:
         print(parser.format_help(), end="")
         return 0

@@ -258,6 +258,34 @@ def test_a_hand_wheel_that_turns_by_two_is_logged_in_radians(name, unit, tmp_pat
     assert guess.column.unit == unit
 
 
+@pytest.mark.parametrize(
+    ("head", "units"),
+    [
+        (("steer_deg", "speed_kmh", "yaw_rate_dps", "lat_acc_g"), ("deg", "km/h", "deg/s", "g")),
+        (("delta_rad", "v_mps", "r_rad_s", "ay_mps2"), ("rad", "m/s", "rad/s", "m/s2")),
+        (("swaDeg", "vxMph", "Yaw Rate deg/s", "acc_lat_m_s2"), ("deg", "mph", "deg/s", "m/s2")),
+    ],
+)
+@pytest.mark.parametrize("size", [0.2, 5.0])
+def test_a_unit_in_a_name_outranks_the_size(head, units, size, tmp_path):
+    """A calm drive in km/h and degrees has the numbers of a quick one in m/s and radians."""
+    path = tmp_path / "x.csv"
+    table = np.column_stack([MADE.t, size * MADE.delta, size * 12 + 0 * MADE.v_x, size * MADE.r, size * MADE.r])
+    table[:, 2] += 0.1 * size * np.sin(MADE.t)
+    np.savetxt(path, table, delimiter=",", header=",".join(("time_s", *head)), comments="", fmt="%.6f")
+    found = survey(open_log(path))
+    guesses = {g.channel: g for g in found.guesses}
+    assert {n: (g.column.source, g.column.unit) for n, g in guesses.items()} == dict(
+        zip(("delta", "v_x", "r", "a_y"), zip(head, units, strict=True), strict=True)
+    )
+    assert found.time is not None
+    assert found.time.unit == "s"
+    contradicted = ", though a size of 60.5 looks like km/h: check it" in str(guesses["v_x"].why)
+    assert contradicted == (size > 1 and units[1] != "km/h")
+    assert ("though" in str(guesses["r"].why)) == (size > 1 and units[2] == "rad/s" and np.abs(5 * MADE.r).max() > 3)
+    assert f"its name says {units[1]}" in str(guesses["v_x"].why)
+
+
 # ---- the rest of the command line --------------------------------------------------------------------------------
 
 

@@ -1,8 +1,10 @@
 """``slipangle tire``: what it prints and writes, and one sentence for every mistake."""
 
 import argparse
+import html
 import json
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -144,6 +146,19 @@ def test_plot(tir, tmp_path, capsys):
     assert "Combined slip" in text
     assert "M_z over slip angle" in text
     assert "400 N" in text
+
+
+def test_pages_say_the_whole_command_that_makes_them(tir, runs, tmp_path):
+    """Run as it stands there it makes the same page: blanks in names, and options that no table shows."""
+    fit = ["tire", "fit", str(runs[0]), "--model", "brush", "--offsets", "--seed", "3", "--page", "my fit.html"]
+    plot = ["tire", "plot", str(tir), "--load", "400,800", "--camber", "-2", "--out", "my plot.html"]
+    for arguments in (fit, plot):
+        page = tmp_path / arguments[-1]
+        arguments[-1] = str(page)
+        assert main(arguments) == 0
+        again = re.search(r'<code id="again">(.*?)</code>', page.read_text(encoding="utf-8"), re.S)
+        assert again is not None
+        assert shlex.split(html.unescape(again[1])) == ["slipangle", *arguments]
 
 
 def test_convert_there_and_back(tir, tmp_path, capsys):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle import errors
-from slipangle.data.clock import find_grid
+from slipangle.data.clock import find_grid, lost
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.0, 20.0, 29.97, 60.0, 100.0, 1000.0])
@@ -59,3 +59,48 @@ def test_short_pieces_are_dropped_aloud():
     grid = find_grid(t, shortest=5)
     assert grid.pieces == ((0, 50), (51, 98))
     assert any("1 stretches too short to use were dropped, 1 samples" in n for n in grid.notes)
+
+
+@pytest.mark.parametrize("rate", [60.0, 80.0, 90.0, 100.0, 125.0, 127.0])
+@pytest.mark.parametrize("start", [33000.0, 50000.0, 70000.0])
+def test_stamps_of_single_precision_are_on_the_even_clock_that_they_were_rounded_from(rate, start):
+    even = start + np.arange(3000) / rate  # seconds of the day, 0.0039 or 0.0078 s apart in single precision
+    for t in (even.astype("f4").astype(float), np.round(even.astype("f4").astype(float), 4)):
+        grid = find_grid(t)
+        assert grid.dt == pytest.approx(1 / rate, rel=1e-9)
+        assert grid.pieces == ((0, 3000),)
+        assert grid.exact
+        assert "rounded to 0.00" in grid.notes[0]
+        assert f"an even clock of {1 / rate:.4g} s" in grid.notes[0]
+        assert len(lost(t)) == 0
+        assert find_grid(t, dt=1 / rate).pieces == ((0, 3000),)
+
+
+@pytest.mark.parametrize("rate", [66.667, 80.0, 90.0])
+def test_stamps_with_too_few_decimals_are_on_the_even_clock_that_they_were_rounded_from(rate):
+    t = np.round(np.arange(3000) / rate, 2)
+    grid = find_grid(t)
+    assert (grid.pieces, grid.exact) == (((0, 3000),), True)
+    assert grid.dt == pytest.approx(1 / rate, rel=1e-4)
+    assert len(lost(t)) == 0
+
+
+def test_a_gap_in_stamps_of_single_precision_stays_one():
+    even = 70000 + 0.01 * np.r_[0:1000, 1200:3000]
+    grid = find_grid(even.astype("f4").astype(float))
+    assert (grid.dt, grid.pieces) == (0.01, ((0, 1000), (1000, 2800)))
+
+
+def test_stamps_of_single_precision_that_lie_on_no_even_clock_are_refused():
+    rng = np.random.default_rng(0)
+    even = 70000 + 0.01 * np.delete(np.arange(3000), rng.choice(3000, 60, replace=False))
+    with pytest.raises(errors.TimeError, match="mixes sample times"):
+        find_grid(even.astype("f4").astype(float))
+
+
+def test_samples_lost_at_random_are_not_taken_for_rounding():
+    rng = np.random.default_rng(0)
+    t = 0.01 * np.flatnonzero(rng.random(3000) > 0.12)
+    grid = find_grid(t)
+    assert grid.dt == 0.01
+    assert len(grid.pieces) > 200

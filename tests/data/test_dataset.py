@@ -84,6 +84,23 @@ def test_split_too_short():
 def test_a_channel_that_is_no_row_of_numbers_is_refused(values, said):
     with pytest.raises(errors.ParameterError, match=rf"channel 'u' {said}; expected one real number a sample"):
         Dataset.from_arrays({"u": values}, {"y": [1.0, 2.0]}, 0.1)
+    with pytest.raises(errors.ParameterError, match=rf"channel 'u' {said}; expected one real number a sample"):
+        make(2).with_channel("u", values)
+
+
+@pytest.mark.parametrize("kind", [float, np.float32, int])
+def test_masked_samples_are_missing(kind):
+    masked = np.ma.masked_greater(np.arange(100).astype(kind), 89)
+    table = np.ma.column_stack([masked, masked])
+    for make_it in (
+        lambda: Dataset.from_arrays({"u": masked}, {"y": np.zeros(100)}, 0.1),
+        lambda: make().with_channel("u", masked),
+        lambda: Dataset(values=table, channels=(Channel("u"), Channel("v")), dt=0.1),
+    ):
+        with pytest.raises(errors.NotFiniteError, match=r"channel 'u' holds 10 NaN .* at sample 90"):
+            make_it()
+    whole = np.ma.masked_greater(np.arange(100), 100)
+    np.testing.assert_array_equal(make().with_channel("u", whole)["u"], np.arange(100))
 
 
 def test_other_bad_requests():
@@ -168,8 +185,8 @@ def test_join_refuses_what_does_not_fit():
         join(a, make(5, dt=0.02))
     with pytest.raises(errors.MissingColumnError):
         join(a, Dataset.from_arrays({"u": np.zeros(3)}, {"z": np.zeros(3)}, 0.01))
-    with pytest.raises(errors.UnitError, match="'deg' in 'data' and in 'rad' in 'data'"):
-        join(a, a.with_channel("u", np.zeros(5), "deg"))
+    with pytest.raises(errors.UnitError, match="'m' in 'data' and in 'rad' in 'data'"):
+        join(a, a.with_channel("u", np.zeros(5), "m"))
     assert join(a, make(5, notes=("one", "two"))).notes == ("one", "two")
 
 
@@ -181,7 +198,25 @@ def test_join_says_which_channels_it_leaves_out():
 def test_channels_of_the_nomenclature_have_their_units():
     data = Dataset.from_arrays({"delta": np.zeros(3), "u": np.zeros(3)}, {"r": np.zeros(3)}, 0.1, units={"u": "V"})
     assert [c.unit for c in data.channels] == ["rad", "V", "rad/s"]
-    assert Dataset.from_arrays({"delta": np.zeros(3)}, {}, 0.1, units={"delta": "deg"}).unit("delta") == "deg"
+    assert Dataset.from_arrays({"delta": np.zeros(3)}, {}, 0.1, units={"delta": "-"}).unit("delta") == "-"
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"), [("deg", "rad"), ("km/h", "m/s"), ("kmh", "m/s"), ("g", "m/s2"), ("%", "-"), ("ms", "s")]
+)
+def test_units_other_than_si_are_refused(unit, si):
+    said = rf"channel 'z' is in '{unit}'; expected SI units, '{si}': give .*from_frame\(\)"
+    z, data = np.ones(3), make(3)
+    with pytest.raises(errors.UnitError, match=said):
+        Dataset.from_arrays({"z": z}, {}, 0.1, units={"z": unit})
+    with pytest.raises(errors.UnitError, match=said):
+        data.with_channel("z", z, unit)
+    with pytest.raises(errors.UnitError, match=said):
+        Dataset(values=z, channels=(Channel("z", unit),), dt=0.1)
+    with pytest.raises(errors.UnitError, match="unit of channel 'z' is None; expected text"):
+        data.with_channel("z", z, None)
+    for free in ("m/s^2", "rad m/s", "(kN/m)/s", "", "1", si):
+        assert data.with_channel("z", z, free).unit("z") == free
 
 
 def test_order_of_channels_does_not_matter_to_join():
@@ -219,9 +254,9 @@ def test_select_and_with_channel():
     more = data.with_channel("z", np.arange(100) * 2.0, "m")
     assert more.names == ("u", "y", "z")
     assert more.unit("z") == "m"
-    replaced = more.with_channel("u", np.zeros(100), "deg")
+    replaced = more.with_channel("u", np.zeros(100), "m")
     assert replaced.names == ("u", "y", "z")
-    assert replaced.unit("u") == "deg"
+    assert replaced.unit("u") == "m"
     assert data["u"][5] == 5.0
     assert data.with_note("seen").notes == ("seen",)
 
@@ -293,9 +328,22 @@ def test_speeding_up_is_linear_and_never_overshoots():
     assert step["u"].max() == 1.0
 
 
+def test_a_higher_rate_is_said_to_interpolate():
+    data = make(100)
+    fast = data.resample(0.0025)
+    said = "what is between the samples is interpolated, not measured; sample time before: 0.01 s"
+    assert fast.notes == ("resampled from 100 to 400 Hz", said)
+    assert (data.dt_recorded, fast.dt_recorded, fast.resample(0.001).dt_recorded) == (0.01, 0.01, 0.01)
+    assert fast.resample(0.05).dt_recorded == 0.05
+    assert data.resample(0.0099).notes == ("resampled from 100 to 101.01 Hz",)  # a clock that is off
+
+
 def test_same_rate_changes_nothing():
     data = make()
-    np.testing.assert_array_equal(data.resample(0.01).values, data.values)
+    same = data.resample(0.01)
+    np.testing.assert_array_equal(same.values, data.values)
+    assert same.notes == ()
+    assert data.resample(0.01, cutoff=5.0).notes == ("a zero-phase low-pass at 5 Hz",)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 20])
@@ -323,7 +371,7 @@ def test_equal_data_are_equal_and_have_one_hash():
     "change",
     [
         lambda d: d.with_channel("u", d["u"] + 1e-12, "rad"),
-        lambda d: d.with_channel("u", d["u"], "deg"),
+        lambda d: d.with_channel("u", d["u"], "m"),
         lambda d: d.with_channel("w", d["u"]),
         lambda d: d.with_note("touched"),
         lambda d: d.select(inputs=()),

@@ -7,7 +7,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.data.dataset import Channel, join
-from slipangle.errors import ConfigError, FormatError, MissingColumnError, ParameterError, WriteError
+from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, WriteError
 
 RNG = np.random.default_rng(5)
 
@@ -84,6 +84,28 @@ def test_frames_of_others_are_logs():
     sparse = pl.DataFrame({"t": t, "a": t, "b": [x if k % 5 == 0 else None for k, x in enumerate(t)]})
     merged = sa.from_frame(sparse, nan="merge")
     np.testing.assert_allclose(merged["b"], merged["a"], atol=1e-12)
+
+
+def test_masked_samples_and_instants_of_a_frame_are_missing():
+    t = 0.01 * np.arange(100)
+    late, gone = t > 0.895, (t > 0.195) & (t < 0.395)
+    frame = {"t": t, "v_x": np.ma.MaskedArray(20 + t, late | gone), "k": np.ma.MaskedArray(np.arange(100), late)}
+    data = sa.from_frame(frame, nan="gap")
+    np.testing.assert_allclose(data["v_x"], (20 + t)[~(late | gone)])
+    assert len(data.starts) == 2
+    with pytest.raises(NotFiniteError, match="'v_x' of 'frame' has 30 missing samples"):
+        sa.from_frame(frame)
+    stamps = np.datetime64("2026-05-01T14:00:00", "ns") + (10_000_000 * np.arange(100)).astype("m8[ns]")
+    dated = {"time": np.ma.MaskedArray(stamps, late), "v_x": 20 + t}
+    assert sa.from_frame(dated, nan="merge").duration == pytest.approx(0.9, abs=0.011)
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.ones((100, 2)), np.ones(100) * 1j, np.float64(3.0)], ids=["two", "complex", "one"]
+)
+def test_columns_that_are_no_row_of_real_numbers_are_refused(wrong):
+    with pytest.raises(ParameterError, match=r"channel 'v_x' .*; expected one real number a sample"):
+        sa.from_frame({"t": 0.01 * np.arange(100), "v_x": wrong})
 
 
 def test_what_cannot_be_written_or_read_is_said(tmp_path, monkeypatch):

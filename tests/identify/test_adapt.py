@@ -128,6 +128,23 @@ def test_unchanged_sensors_behind_coloured_errors_are_seldom_adapted_to_and_chan
     assert np.mean(gained) > 5.0
 
 
+@pytest.mark.parametrize("gain", [1.1, 1.3])
+def test_what_explains_every_block_is_adopted_however_unlike_their_steering(gain):
+    adopted = 0
+    for seed in range(6):
+        calm = drive(seed=seed)
+        harder = np.repeat([0.2, 1.0, 0.1, 2.0, 0.5, 0.1, 1.5, 0.3], calm.n_samples // 8)
+        driven = calm.with_channel("delta", harder * calm["delta"], "rad")
+        driven = driven.with_channel("r", CAR.simulate(driven).channel("r"), "rad/s")
+        log = with_noise(driven.with_channel("delta", driven["delta"] / gain, "rad"), 0.004, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            found = Adapt().fit(CAR, log)
+        adopted += not found.fit_info.warnings
+        assert values(found)["gain_delta"] == pytest.approx(gain - 1, abs=0.03)
+    assert adopted == 6
+
+
 def test_what_lowers_the_error_elsewhere_too_little_is_not_believed(other):
     with pytest.warns(ModelWarning, match="on 8 blocks of 'session 2' .* a fall by 99.99 %"):
         adapted = Adapt(worth=0.9999).fit(CAR, other)

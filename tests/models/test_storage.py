@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.readers.column import Column
-from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, WriteError
+from slipangle.errors import FormatError, MissingFileError, ModelWarning, ParameterError, SlipangleError, WriteError
 from slipangle.identify.linear.arx import ARX
 from slipangle.models import storage
 from slipangle.models.black_box.arx import ARXModel
@@ -114,6 +114,24 @@ def test_fit_info_travels_with_the_model(tmp_path):
     back = load(save(model, tmp_path / "arx.json"))
     assert same(model.fit_info, back.fit_info)
     assert np.array_equal(back.fit_info.std, model.fit_info.std)
+
+
+def test_a_fit_of_other_parameters_is_left_out(tmp_path):
+    """Changed by hand in the file, the intervals would be those of another car."""
+    model = ALL_MODELS["bicycle"]
+    names = model.parameter_names[:3]
+    values = np.array([model.value(n) for n in names])
+    info = replace(NEAT, names=names, values=values, covariance=np.eye(3))
+    path = save(replace(model, fit_info=info), tmp_path / "car.json")
+    assert load(path).fit_info is not None
+    text = path.read_text(encoding="utf-8")
+    first = f'"{names[0]}": {float(values[0])!r}'
+    assert text.count(first) == 1
+    path.write_text(text.replace(first, f'"{names[0]}": {1.01 * float(values[0])!r}'), encoding="utf-8")
+    with pytest.warns(ModelWarning, match=rf"car.json' {names[0]} is .*, where its fit found .* left out"):
+        changed = load(path)
+    assert changed.fit_info is None
+    assert changed.value(names[0]) == 1.01 * float(values[0])
 
 
 def test_random_bits_survive(tmp_path):

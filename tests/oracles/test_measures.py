@@ -48,10 +48,16 @@ def test_a_constant_offset_costs_fit_and_r2_but_no_vaf():
 
 def test_every_unit_has_the_size_of_its_definition():
     one = {name for name, (_, si, factor) in _UNITS.items() if factor == 1.0 and name == si}
-    assert not set(_UNITS) - one - measures.UNITS.keys(), "give new units a size in tests.oracles.measures too"
+    temperatures = {"degC", "K", "degF"}  # which have zeros of their own
+    assert not set(_UNITS) - one - temperatures - measures.UNITS.keys(), (
+        "give new units a size in tests.oracles.measures too"
+    )
     for name, size in measures.UNITS.items():
         assert to_si(3.0, name) == pytest.approx(3.0 * size, rel=1e-12), name
         assert from_si(to_si(3.0, name), name) == pytest.approx(3.0, rel=1e-12), name
+    for name, cold, hot in (("degC", 0.0, 100.0), ("K", 273.15, 373.15), ("degF", 32.0, 212.0)):  # ice and steam
+        assert to_si(np.array([cold, hot]), name) == pytest.approx([0.0, 100.0], abs=1e-9)
+        assert from_si(np.array([0.0, 100.0]), name) == pytest.approx([cold, hot], rel=1e-12)
     assert deg(90.0) == pytest.approx(np.pi / 2, rel=1e-15)
     assert kmh(36.0) == pytest.approx(10.0, rel=1e-15)
 

@@ -8,7 +8,7 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ConfigError
+from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
@@ -86,6 +86,45 @@ def test_files_of_a_clock_that_is_off_a_little_or_of_other_rates_are_put_on_one(
         read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]')))
     logs = read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]', data="rate = 10")))
     assert logs.train.duration == pytest.approx(25 + 50, abs=0.3)
+
+
+@pytest.mark.parametrize("rate", ["", "rate = 20"])
+def test_a_low_pass_is_run_at_the_logs_own_rate_too(tmp_path, rate):
+    """A gain of one half at the corner, where its amplitude is read off by least squares; a slow tone is kept."""
+    t = 0.05 * np.arange(800)
+    tones = {f: 2 * np.pi * f * t for f in (0.1, 2.0)}
+    delta = 0.02 * sum(map(np.sin, tones.values()))
+    rows = [f"{a:.2f},{b:.9f},20,0" for a, b in zip(t, delta, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join(["time [s],delta [rad],v_x [m/s],r [rad/s]", *rows]))
+    path = job(tmp_path, train='"a.csv"', test="[]", data=f"cutoff = 2\n{rate}")
+    data = read_logs(read_settings(path)).data
+    assert data.dt == 0.05
+    assert "a zero-phase low-pass at 2 Hz" in data.notes
+    inside = slice(100, 700)
+    parts = np.column_stack([f(x[inside]) for x in tones.values() for f in (np.sin, np.cos)])
+    found = np.linalg.lstsq(parts, data["delta"][inside])[0] / 0.02
+    np.testing.assert_allclose(found, [1, 0, 0.5, 0], atol=2e-3)
+    raw = read_logs(read_settings(job(tmp_path, train='"a.csv"', test="[]"))).data
+    np.testing.assert_allclose(raw["delta"], delta, atol=1e-9)
+
+
+@pytest.mark.parametrize("rate", ["", "rate = 8", "rate = 15"])
+@pytest.mark.parametrize("first", [200, 201, 203])
+def test_rows_of_the_training_files_are_no_test_whatever_they_are_resampled_to(drives, tmp_path, rate, first):
+    head, *rows = (drives / "day1.csv").read_text().splitlines()
+    (tmp_path / "part.csv").write_text("\n".join([head, *rows[first:]]) + "\n")
+    (tmp_path / "day1.csv").write_text((drives / "day1.csv").read_text())
+    path = job(tmp_path, train='"day1.csv"', test='"part.csv"', data=rate)
+    n = 500 - first
+    with pytest.raises(ParameterError, match=rf"{n} of {n} rows of 'part' .* are rows of 'day1', too"):
+        read_logs(read_settings(path))
+
+
+def test_a_corner_that_the_log_cannot_have_is_refused(drives):
+    with pytest.raises(
+        ParameterError, match=r"corner is 400\.0 Hz; expected between 0 and half the sample rate, 10 Hz"
+    ):
+        read_logs(read_settings(job(drives, data="cutoff = 400")))
 
 
 def test_a_few_samples_behind_a_gap_do_not_keep_a_model_from_being_judged(tmp_path, capsys):

@@ -45,7 +45,7 @@ class Commands:
         shared = {"parents": [self._json], "formatter_class": argparse.RawDescriptionHelpFormatter}
         said = about or inspect.getdoc(function)
         sub = self._actions.add_parser(name, help=text, description=said, epilog=more or None, **shared)
-        sub.set_defaults(function=function)
+        sub.set_defaults(function=function, said="")  # said: the whole command as a shell takes it
         return sub
 
     def group(self, name: str, text: str, about: str) -> Commands:

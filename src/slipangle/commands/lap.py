@@ -81,9 +81,8 @@ def _lap(options: argparse.Namespace) -> Answer:
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "index.html")
-        command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
-        more = (race.section(raced, command),) if raced else ()
-        page = lap_page(lap, settings.title, command, delta, more, std).write(folder / "index.html")
+        more = (race.section(raced, options.said),) if raced else ()
+        page = lap_page(lap, settings.title, options.said, delta, more, std).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "time_std": std, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}

@@ -165,8 +165,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         if options.out:
             target = Path(options.out) / "index.html"
             before = replaced(target)
-            command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
-            page = comparison_page(result, test, command=command).write(target)
+            page = comparison_page(result, test, command=options.said).write(target)
     rows = [
         {"model": e.name}
         | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}

@@ -68,8 +68,7 @@ def _robust(options: argparse.Namespace) -> Answer:
                 cluster=options.cluster,
                 progress=lambda share, what: bar(0.05 + 0.95 * share, what),
             )
-    command = f"slipangle robust {options.file} --cars {options.cars}"
     before = replaced(folder / "index.html")
-    page = robustness.page(trials, settings, command).write(folder / "index.html")
+    page = robustness.page(trials, settings, options.said).write(folder / "index.html")
     words = f"{robustness.sentence(trials)}\n\nThe page: {page.resolve()}{before}"
     return Answer(trials.metrics(), words, 0 if trials.good else 1)

@@ -152,13 +152,12 @@ def _fit(options: argparse.Namespace) -> Answer:
         if options.model == "mf61":
             bar(0.9, "relaxation length")
             tire, relaxed = with_relaxation(tire, data)
-    command = f"slipangle tire fit {' '.join(options.files)} --model {options.model}"
     written = {path: replaced(path) for path in (options.out, options.page) if path}
     if options.out:
         _write(tire, options.out, save)
     if options.page:
         facts = tuple(Fact(label="file", value=path) for path in options.files)
-        tire_page(tire, title=data.name, data=data, facts=facts, command=command).write(options.page)
+        tire_page(tire, title=data.name, data=data, facts=facts, command=options.said).write(options.page)
     errors = fit_errors(tire, data)
     tables = [parameter_table(info, title=f"Coefficients{name}") for name, info in informations(tire)]
     content = {
@@ -187,7 +186,7 @@ def _plot(options: argparse.Namespace) -> Answer:
         title=Path(options.file).name,
         loads=options.load,
         camber=math.radians(options.camber),
-        command=f"slipangle tire plot {options.file}",
+        command=options.said,
     )
     return _written(page.write(options.out), before)
 

@@ -7,13 +7,14 @@ from itertools import pairwise
 import numpy as np
 from scipy import interpolate, signal
 
-from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
+from slipangle.errors import NotFiniteError, SampleTimeError, SlipangleError, TimeError, TooShortError
 
 JITTER, GAP = 0.2, 1.5  # variation of a step, as a share of it, that is put up with unasked; steps of a gap
 _DAY, _NIGHT = 86400.0, 600.0  # s of a day, and between two rows at most where times of day begin anew at midnight
 _LOST = 2.5  # steps of a gap in which more than one sample was lost
 _MOST_LOST = 0.1  # share of steps up to which they are such and not another rate
 _FEW = 2  # of five steps in a row: more of them are another rate
+_COARSE = 0.1  # of a step: stamps rounded to more than that make uneven steps of even ones
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
 
 
@@ -72,7 +73,7 @@ def find_grid(
     t : array, shape (n,)
         Time stamps. [s]
     dt : float, optional
-        Sample time; by default the median step, rounded where the stamps allow it. [s]
+        Sample time; by default the usual step, rounded where the stamps allow it. [s]
     jitter, gap : float
         Largest deviation of one step from ``dt``, as a share of it, that is put back on the grid by linear
         interpolation; a step above ``gap * dt`` ends one stretch and starts the next.
@@ -102,30 +103,56 @@ def find_grid(
             f"{what} has {len(t)} samples; expected at least {max(shortest, 2)}: record longer or choose another part"
         )
     steps = _rising_steps(t, row_name, what)
-    given, dt = dt, float(np.median(steps)) if dt is None else dt
-    if given is not None and abs(np.median(steps) / given - 1) > 0.02:
+    usual, rounding = _usual(t, steps)
+    given, dt = dt, usual if dt is None else dt
+    if given is not None and abs(usual / given - 1) > 0.02:
         raise SampleTimeError(
-            f"{what} is sampled every {np.median(steps):.6g} s, the setting dt says {given:g} s; expected the same: "
+            f"{what} is sampled every {usual:.6g} s, the setting dt says {given:g} s; expected the same: "
             "correct dt, or leave it out and resample after reading"
         )
     _one_rate(t, steps, dt, row_name, what)
-    edges = [0, *(np.flatnonzero(steps > gap * dt) + 1).tolist(), len(t)]
-    spans = list(pairwise(edges))
+    longest = gap * dt + rounding
+    spans = _spans(steps, longest)
     pieces = tuple((a, b) for a, b in spans if b - a >= max(shortest, 1))
     if not pieces:
-        longest = max(b - a for a, b in spans)
+        most = max(b - a for a, b in spans)
         raise TooShortError(
-            f"the longest of {len(spans)} uninterrupted stretches of {what} has {longest} samples; "
+            f"the longest of {len(spans)} uninterrupted stretches of {what} has {most} samples; "
             f"expected at least {shortest}: record without gaps or lower the limit"
         )
     if given is None:
         dt = _rounded(_slope(t, pieces, dt), t, pieces)
     notes = _gap_notes(t, spans, pieces, row_name)
     worst = _off_grid(t, pieces, dt)
-    exact = worst <= max(0.02 * dt, 1.01 * _resolution(t, dt))
+    exact = worst <= max(0.02 * dt, 1.01 * (rounding or min(_decimal(t), _COARSE * dt)))
     if not exact:
-        notes += _jitter_note(t, steps, dt, jitter, gap, row_name, what)
+        notes += _jitter_note(t, steps, dt, jitter, longest, row_name, what)
+    elif rounding:
+        notes += (
+            f"time stamps are rounded to {rounding:.2g} s, steps of {steps.min():.2g} s and up: they lie on an even "
+            f"clock of {dt:.4g} s, which is taken",
+        )
     return TimeGrid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
+
+
+def even_clock(t: np.ndarray, first: float, step: float) -> tuple[float, float]:
+    """First instant from ``first`` on, and sample time, of the grid that rising stamps lie on. [s]
+
+    Of stamps that lie on none ``first`` itself, and the usual ``step`` at a round rate.
+
+    >>> t = np.arange(4096) / 1024
+    >>> begin, dt = even_clock(t, 0.0037, 1 / 1024)
+    >>> 1024 * begin, 1 / dt
+    (4.0, 1024.0)
+    """
+    try:
+        own = find_grid(t)
+    except SlipangleError:  # gaps everywhere, two rates
+        own = None
+    if own is None or not own.exact:
+        return first, 1 / float(f"{1 / step:.3g}")
+    at = float(t[np.searchsorted(t, first)])
+    return at - own.dt * int((at - first) / own.dt + 1e-6), own.dt
 
 
 def lost(t: np.ndarray) -> np.ndarray:
@@ -139,7 +166,9 @@ def lost(t: np.ndarray) -> np.ndarray:
     steps = np.diff(t)
     if len(steps) < 5 or not np.isfinite(steps).all() or steps.min() <= 0:
         return np.zeros(0, dtype=int)
-    dt = float(np.median(steps))
+    dt, rounding = _usual(t, steps)
+    if rounding:
+        return np.zeros(0, dtype=int)
     long = steps > GAP * dt
     few = np.convolve(long, np.ones(5), "same")[1:-1] <= _FEW
     single = long[1:-1] & few & (steps[1:-1] < _LOST * dt)
@@ -214,12 +243,44 @@ def _off_grid(t: np.ndarray, pieces: tuple[tuple[int, int], ...], dt: float) -> 
     return max(float(np.abs(t[a:b] - t[a] - dt * np.arange(b - a)).max()) for a, b in pieces)
 
 
-def _resolution(t: np.ndarray, dt: float) -> float:
-    """Last decimal place of the stamps, at most a tenth of the sample time. [s]"""
+def _usual(t: np.ndarray, steps: np.ndarray) -> tuple[float, float]:
+    """The usual step, and what the stamps were rounded to if that is much of it, else 0. [s]
+
+    Even steps are then of two sizes, neither of which is theirs: single precision has 0.0078 s at 70000 s.
+    """
+    dt, rounding = float(np.median(steps)), _single(t, steps)
+    single = rounding > _COARSE * dt
+    if not single:
+        rounding = _decimal(t) if np.mean(steps > GAP * dt) > _MOST_LOST else 0.0
+    if not rounding > _COARSE * dt:
+        return dt, 0.0
+    mean = float(np.mean(steps[np.abs(steps - dt) < 1.5 * rounding]))
+    if not single:  # or samples were lost, here and there
+        spans = tuple(_spans(steps, GAP * mean + rounding))
+        if _off_grid(t, spans, _slope(t, spans, mean)) > 1.01 * rounding:
+            return dt, 0.0
+    return mean, rounding
+
+
+def _spans(steps: np.ndarray, longest: float) -> list[tuple[int, int]]:
+    """Rows (start, stop) between steps that are longer than this. [s]"""
+    return list(pairwise([0, *(np.flatnonzero(steps > longest) + 1).tolist(), len(steps) + 1]))
+
+
+def _single(t: np.ndarray, steps: np.ndarray) -> float:
+    """What numbers of single precision are apart at the largest of the stamps, if they are such; else 0. [s]"""
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = t.astype("f4")
+        apart = float(np.spacing(np.abs(single).max()))
+        return apart if steps.min() > 0.8 * apart and np.abs(t - single).max() <= 0.1 * apart else 0.0
+
+
+def _decimal(t: np.ndarray) -> float:
+    """Last decimal place of the stamps; 0 where they have none. [s]"""
     noise = 2 * float(np.spacing(np.abs(t).max()))
     for decimals in range(1, 9):
         if 10.0**-decimals > 10 * noise and np.abs(t - np.round(t, decimals)).max() <= noise:
-            return min(10.0**-decimals, 0.1 * dt)
+            return 10.0**-decimals
     return 0.0
 
 
@@ -241,9 +302,15 @@ def _gap_notes(
 
 
 def _jitter_note(
-    t: np.ndarray, steps: np.ndarray, dt: float, jitter: float, gap: float, row_name: Callable[[int], str], what: str
+    t: np.ndarray,
+    steps: np.ndarray,
+    dt: float,
+    jitter: float,
+    longest: float,
+    row_name: Callable[[int], str],
+    what: str,
 ) -> tuple[str, ...]:
-    inside = np.where(steps > gap * dt, dt, steps)
+    inside = np.where(steps > longest, dt, steps)
     deviation = np.abs(inside - dt) / dt
     row = int(np.argmax(deviation))
     if deviation[row] > jitter:

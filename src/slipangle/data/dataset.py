@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from slipangle import units as unit_table
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import at_rate
 from slipangle.data.frames import InFrames
@@ -31,6 +32,8 @@ from slipangle.shown import Brief, Shown
 _MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
 
 MEANS, HELD = "inputs are means over each sample interval", "inputs are held for a sample"  # notes of `hold_...`
+BETWEEN = "what is between the samples is interpolated, not measured; sample time before: "  # note of `resample`, and s
+_FASTER = 1.02  # a rate that is higher by more is no clock that is off
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,8 @@ class Dataset(InFrames, Shown, Equal):
     A gap in a log ends one experiment and starts the next: nothing is interpolated across it.
 
     Raises NotFiniteError or MissingColumnError if a value is NaN or infinite, or an input or output is not a channel,
-    ParameterError or SampleTimeError if counts of columns, names or experiments do not match, a name repeats, or the
-    sample time is not positive.
+    UnitError if a channel's unit is known and not SI, ParameterError or SampleTimeError if counts of columns, names or
+    experiments do not match, a name repeats, or the sample time is not positive.
 
     Parameters
     ----------
@@ -77,7 +80,7 @@ class Dataset(InFrames, Shown, Equal):
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values, dtype=float)
+        values = np.asarray(without_mask(self.values), dtype=float)
         if values.flags.writeable:
             values = values.copy()  # the caller's array stays the caller's
         if values.ndim == 1:
@@ -93,6 +96,8 @@ class Dataset(InFrames, Shown, Equal):
             )
         if len(set(self.names)) != len(self.names):
             raise ParameterError(f"channel names repeat in {list(self.names)}; expected each once: rename one")
+        for channel in self.channels:
+            _require_si(channel)
         if not isinstance(self.dt, Real) or not self.dt > 0:
             raise SampleTimeError(f"the sample time is {self.dt!r} s; expected a positive number: check the clock")
         if len(self.starts) != len(self.start_times):
@@ -134,9 +139,10 @@ class Dataset(InFrames, Shown, Equal):
     ) -> Self:
         """One experiment from one array per channel, shape (n_samples,), already in SI units.
 
-        ``extra`` are channels that are neither input nor output. ``units`` are for reports; by default those of the
-        nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats, channels come
-        without names, or one is no row of real numbers.
+        ``extra`` are channels that are neither input nor output. ``units`` name the SI units, and convert nothing; by
+        default those of the nomenclature, "-" for other names. Raises ParameterError if lengths differ, a name repeats,
+        channels come without names, or one is no row of real numbers, UnitError if a unit is known and not SI,
+        NotFiniteError if samples are missing, masked ones among them.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
@@ -150,7 +156,7 @@ class Dataset(InFrames, Shown, Equal):
         names = [*inputs, *outputs, *(extra or {})]
         if twice := sorted({n for n in names if names.count(n) > 1}):
             raise ParameterError(f"channels {twice} are given twice; expected each as input, output or extra: rename")
-        columns = {n: _numbers(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
+        columns = {n: real_row(n, c) for n, c in {**inputs, **outputs, **(extra or {})}.items()}
         lengths = {len(c) for c in columns.values()}
         if len(lengths) > 1:
             raise ParameterError(f"channels have lengths {sorted(lengths)}; expected one length: cut them alike")
@@ -263,6 +269,12 @@ class Dataset(InFrames, Shown, Equal):
     def __len__(self) -> int:
         return self.n_samples
 
+    @property
+    def dt_recorded(self) -> float:
+        """Sample time before `resample` interpolated between the samples; `dt` where it did not. [s]"""
+        before = [float(n.removeprefix(BETWEEN).split()[0]) for n in self.notes if n.startswith(BETWEEN)]
+        return max([self.dt, *before[:1]])
+
     # ---- making new ones ---------------------------------------------------------------------------------------
 
     def select(self, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Self:
@@ -273,9 +285,9 @@ class Dataset(InFrames, Shown, Equal):
     def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
         """The data with one channel added or replaced: ``values``, shape (n_samples,), SI units.
 
-        Raises ParameterError if there are more or fewer values than samples.
+        Raises ParameterError if they are no real numbers, or more or fewer than samples.
         """
-        column, n = np.asarray(values, dtype=float).reshape(-1, 1), self.n_samples
+        column, n = real_row(name, values)[:, None], self.n_samples
         if len(column) != n:
             raise ParameterError(f"channel '{name}' has {len(column)} samples, the data have {n}; expected the same")
         if name in self:
@@ -402,10 +414,13 @@ class Dataset(InFrames, Shown, Equal):
         data = self.unwrapped()
         pieces = [at_rate(part.values, self.dt, dt, corner) for part in data.experiments]
         starts = tuple(np.cumsum([0, *map(len, pieces[:-1])]).tolist())
-        how = f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz" + (
-            f" after a zero-phase low-pass at {corner:g} Hz" if corner is not None else ""
-        )
-        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, how))
+        how = "" if isclose(dt, self.dt) else f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz"
+        if corner is not None:
+            how += f"{' after a' if how else 'a'} zero-phase low-pass at {corner:g} Hz"
+        said = [how] if how else []
+        if self.dt > _FASTER * dt:
+            said.append(f"{BETWEEN}{self.dt:.12g} s")
+        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*data.notes, *said))
 
     def hold_mean(self) -> Self:
         """Each input as its mean over the interval to the next sample, instead of its value at the sample.
@@ -456,10 +471,26 @@ def require_dataset(data: object, who: str, fix: str = "read() a log, or make on
         raise ParameterError(f"{who} {type(data).__name__}; expected a Dataset: {fix}")
 
 
-def _numbers(name: str, values: object) -> np.ndarray:
-    """Of a channel, shape (n_samples,); raises ParameterError if they are none."""
+def _require_si(channel: Channel) -> None:
+    """Raise a UnitError if a channel's numbers are in another unit than SI by its own words; what is no unit may stand.
+
+    Nobody converts after this: degrees would count as radians everywhere.
+    """
+    unit = channel.unit
+    if not isinstance(unit, str):
+        raise UnitError(f"the unit of channel '{channel.name}' is {shown(unit)}; expected text, such as 'm/s' or '-'")
+    if unit_table.known(unit) and unit_table.canonical(unit) != unit_table.si_unit(unit):
+        raise UnitError(
+            f"channel '{channel.name}' is in {shown(unit)}; expected SI units, {shown(unit_table.si_unit(unit))}: give "
+            f"slipangle.units.to_si(values, {shown(unit)}), or let from_frame() convert a column called "
+            f"'{channel.name} [{unit}]'"
+        )
+
+
+def real_row(name: str, values: object) -> np.ndarray:
+    """Numbers of a channel, shape (n_samples,), NaN where they are masked; raises ParameterError if they are none."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(without_mask(values))
         found = array.astype(float) if not np.iscomplexobj(array) else None
     except (TypeError, ValueError):
         found = None
@@ -468,6 +499,16 @@ def _numbers(name: str, values: object) -> np.ndarray:
     kinds = np.array(values, dtype=object)
     what = f"holds {kinds.flat[0]!r}" if found is None and kinds.size else f"has the shape {kinds.shape}"
     raise ParameterError(f"channel '{name}' {what}; expected one real number a sample: an array of shape (n_samples,)")
+
+
+def without_mask(values: object) -> object:
+    """The same with NaN (NaT of times) where a masked array masks it."""
+    if not np.ma.isMaskedArray(values):
+        return values
+    array = np.ma.asarray(values)
+    if array.dtype.kind in "mM":
+        return np.where(np.ma.getmaskarray(array), np.array("NaT", array.dtype), array.data)
+    return array.astype(np.result_type(array.dtype, float)).filled(np.nan)
 
 
 def join(*parts: Dataset, name: str | None = None) -> Dataset:

@@ -12,6 +12,9 @@ from slipangle.data.channels import STANDARD
 
 TURN = 2 * np.pi
 _WORDS = ("heading", "course", "azimuth", "bearing", "compass", "hdg", "yaw", "gierwinkel", "kurs")
+_WHOLE = re.compile(
+    "(gps|gnss)?(cog|track|tracktrue|truetrack|trackangle|trackmadegood)(gps|gnss)?"
+)  # CoG may be a place
 _OTHERS = ("rate", "vel", "speed", "acc", "dot", "moment", "torque", "steer", "wheel", "lenk", "std", "sigma", "delta")
 _WIDEST = 2.002  # turns from the smallest value to the largest: of more, numbers that leap are no wrapped angles
 
@@ -28,8 +31,10 @@ def is_heading(name: str, unit: str | None) -> bool:
     if name in STANDARD:
         return name == "psi" and (angle or unit in (None, "-"))
     plain = re.sub("[^a-z]", "", name.lower())
-    named = any(word in plain for word in _WORDS) or "psi" in re.split("[^a-z]+", name.lower())
-    return angle and named and not any(word in plain for word in _OTHERS)
+    named = (
+        any(word in plain for word in _WORDS) or _WHOLE.fullmatch(plain) or "psi" in re.split("[^a-z]+", name.lower())
+    )
+    return angle and bool(named) and not any(word in plain for word in _OTHERS)
 
 
 def wraps(x: np.ndarray, turn: float = TURN) -> np.ndarray:

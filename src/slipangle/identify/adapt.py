@@ -157,7 +157,8 @@ class Adapt(Checked):
                     f"{nothing:.2g} (else {found}, by the mean of all cases); expected at most 0.5",
                 )
         without, fall = self._predicted(session, optimum, blocks)
-        error = float(np.std(fall, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
+        alike = fall.sum() / without.sum() * without  # fall of blocks that fall by one share, however they are driven
+        error = float(np.std(fall - alike, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
         beyond = float(stdtrit(self.folds - 1, 1.0 - self.level))
         if fall.sum() < max(self.worth * without.sum(), beyond * error):
             return (

@@ -25,7 +25,8 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
     if not data.inputs or not data.outputs:
         missing = "inputs" if not data.inputs else "outputs"
         raise MissingColumnError(
-            f"'{data.name}' names no {missing}; expected at least one: use data.select({missing}=[...])"
+            f"'{data.name}' names no {missing}; expected at least one: use data.select({missing}=[...]), "
+            f"in a job {missing} = [...]"
         )
     if data.n_samples < 2 * n_parameters + 2:
         raise TooShortError(

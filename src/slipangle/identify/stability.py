@@ -21,6 +21,11 @@ _LATER = (
     "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
     "drifts and offsets make such poles, so remove the means, or ask for offsets='both' or max_radius=1"
 )
+_AT = 1e-6  # of the limit, within which a pole is at it
+_HELD = (
+    "a pole ends at the limit of {limit:g}: the system is slower, integrates, or is unstable and held back, and no "
+    "interval counts that; expected poles inside: raise max_radius, up to 1, or take ARX or ARMAX, whose poles are free"
+)
 
 
 def noted(model: Any, *sentences: str) -> Any:
@@ -44,6 +49,12 @@ def later(poles: np.ndarray, data: Dataset) -> str:
     if size <= SETTLED or growth(poles, data.n_longest):
         return ""
     return _LATER.format(size=size, steps=tenfold(size))
+
+
+def held(model: Any, limit: float | None) -> Any:
+    """The model, with a warning in its ``fit_info`` if a pole ends at the limit of the search."""
+    size = float(np.abs(model.poles).max(initial=0.0))
+    return noted(model, _HELD.format(limit=limit)) if limit is not None and size > (1 - _AT) * limit else model
 
 
 def announced(model: Any) -> Any:

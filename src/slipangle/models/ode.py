@@ -6,12 +6,13 @@ import abc
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Integral
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ParameterError, nearest, shown
 from slipangle.models.fast import Steps
 from slipangle.models.model import FitInfo, Model, derived
 from slipangle.numerics.integrate import Method, Step, discretise
@@ -102,7 +103,7 @@ class OdeModel(Parametrised, Model):
         Integrator, see `slipangle.numerics.integrate`; by default enough explicit steps to keep each at or
         below `max_step`, or one step of Radau IIA.
 
-    Raises ParameterError if the sample time is not positive or an output is not known.
+    Raises ParameterError if the sample time is not positive, substeps are no whole number, or an output is not known.
     """
 
     max_step: ClassVar[float] = 0.01
@@ -125,6 +126,11 @@ class OdeModel(Parametrised, Model):
     def __post_init__(self) -> None:
         if not self.dt > 0:
             raise ParameterError(f"the sample time is {self.dt} s; expected a positive number")
+        if isinstance(self.substeps, bool) or not isinstance(self.substeps, Integral) or self.substeps < 0:
+            raise ParameterError(
+                f"substeps is {shown(self.substeps)}; expected a whole number of at least 1, or 0 for as many as it "
+                "takes: leave it out"
+            )
         object.__setattr__(self, "outputs", tuple(self.outputs) or self.states)
         if self.substeps == 0:
             explicit = max(1, math.ceil(self.dt / self.max_step - 1e-9))

@@ -11,8 +11,9 @@ import json
 import math
 import pkgutil
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from inspect import isabstract
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, nearest, shown
+from slipangle.errors import FormatError, MissingFileError, ModelWarning, ParameterError, SlipangleError, nearest, shown
 from slipangle.files import write_atomic
 from slipangle.ops import is_symbolic
 from slipangle.registry import Registry
@@ -66,7 +67,8 @@ def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
 
     ``classes`` are dataclasses of your own that the record is made of. Raises MissingFileError if there is no such
     file, FormatError if `save` did not write it, it is of another version, names an unknown class or field, or lacks
-    one, and ParameterError if a value is out of range.
+    one, and ParameterError if a value is out of range. A model whose parameters were changed by hand comes back without
+    what was said of its fit, with a ModelWarning.
     """
     file = Path(path)
     try:
@@ -96,7 +98,27 @@ def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
         raise FormatError(f"'{file}' is nested too deeply; expected a file that slipangle saved") from None
     if not is_dataclass(record):
         raise FormatError(f"'{file}' holds no record; expected one under \"record\": the file was changed")
-    return record
+    return _as_fitted(record, file)
+
+
+def _as_fitted(record: Any, file: Path) -> Any:
+    """The record, without its ``fit_info`` if that tells of other parameters, of which nothing read since says why."""
+    info = getattr(record, "fit_info", None)
+    if info is None or info.corrections or not hasattr(record, "parameter_names"):
+        return record
+    told = dict(zip(info.names, map(float, info.values), strict=True))
+    there = {n: (v, float(record.value(n))) for n, v in told.items() if n in record.parameter_names}
+    other = {n: pair for n, pair in there.items() if not math.isclose(*pair, rel_tol=1e-9, abs_tol=1e-12)}
+    if not other:
+        return record
+    name, (fitted, value) = next(iter(other.items()))
+    warnings.warn(
+        f"in '{file}' {name} is {value:g}, where its fit found {fitted:g}; expected the same: what was said of the fit "
+        "is left out, intervals too",
+        ModelWarning,
+        stacklevel=3,
+    )
+    return replace(record, fit_info=None)
 
 
 def _known(extra: tuple[type, ...]) -> dict[str, type]:

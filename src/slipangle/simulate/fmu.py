@@ -241,7 +241,7 @@ class PlantFMU(Brief):
         unit = v.unit or getattr(getattr(v, "declaredType", None), "unit", None) or ""
         if not unit or not units.known(unit):
             return 1.0
-        return float(units.to_si(1.0, unit))
+        return float(units.to_si(1.0, unit) - units.to_si(0.0, unit))  # kelvins stay, from whichever zero
 
 
 def _require_mappings(**given: Any) -> None:

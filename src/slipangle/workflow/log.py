@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
 
+import numpy as np
+
 from slipangle import Dataset, public, read
 from slipangle.data.dataset import join
 from slipangle.data.quality.events import despike
@@ -15,6 +17,7 @@ from slipangle.errors import ConfigError, MissingFileError, ParameterError, show
 from slipangle.identify.car.recordings import settled
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
+from slipangle.models.provenance import fingerprint, overlap
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
 from slipangle.workflow.entries import OtherLogs
@@ -59,11 +62,26 @@ def read_logs(settings: Settings) -> Logs:
         opening, test = opened(test, settings)
         others = _others(settings, data)
         return Logs(raw=first, data=data, train=train, test=test, opening=opening, others=others)
+    _require_apart(first, second)
     train, test = condition(first, settings), condition(second, settings)
     name = _together((first, second))
     raw, data = join(first, second, name=name), join(train, test, name=name)
     opening, test = opened(test, settings)
     return Logs(raw=raw, data=data, train=train, test=test, opening=opening, others=_others(settings, data))
+
+
+def _require_apart(train: Dataset, test: Dataset) -> None:
+    """Raise a ParameterError if rows of the files for testing are in the others, too.
+
+    As logged: samples that fall between the others' after resampling are none that a model was fitted to.
+    """
+    shared = overlap(fingerprint(train, train.outputs), test) if train.outputs else None
+    if shared is not None:
+        raise ParameterError(
+            f"{int(shared.rows.sum())} of {test.n_samples} rows of '{test.name}' (from t = "
+            f"{float(test.t[np.argmax(shared.rows)] - test.t[0]):.6g} s of it), which is to test, are rows of "
+            f"'{train.name}', too; expected another drive: name one, or leave out test and part the log by train"
+        )
 
 
 def _others(settings: Settings, data: Dataset) -> dict[OtherLogs, Dataset]:
@@ -253,8 +271,10 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
     """Despiked and resampled as asked; each step leaves a note."""
     for channel in settings.data.despike:
         data, _ = despike(data, channel)
-    rate = settings.data.rate
-    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+    rate, cutoff = settings.data.rate, settings.data.cutoff
+    if rate is None or math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+        data = data if cutoff is None else data.resample(data.dt, cutoff=cutoff)
+    else:
         longest = data.n_longest * data.dt
         cells = data.duration * rate * len(data.channels)
         if longest * rate < _FEWEST or cells > _CELLS:
@@ -263,7 +283,7 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
                 f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
                 f"logged at {1 / data.dt:.4g} Hz"
             )
-        data = data.resample(1 / rate, cutoff=settings.data.cutoff)
+        data = data.resample(1 / rate, cutoff=cutoff)
     data = _without_crumbs(data, bool(settings.data.filter))
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)

@@ -29,7 +29,7 @@ class ColumnSettings:
     column : str
         Name in the file's header, with or without its unit.
     unit : str
-        Unit of the file's numbers; by default the one in the header.
+        Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
     override : bool
         Take ``unit`` even if the header names another one.
     scale, offset : float
@@ -100,7 +100,7 @@ class DataSettings:
     rate : float
         What the log is resampled to, after a zero-phase low-pass. [Hz]
     cutoff : float
-        Of that low-pass; by default 0.4 times the rate. [Hz]
+        Of that low-pass; by default 0.4 times the rate. Without a rate the log is low-passed at its own. [Hz]
     despike : tuple of str
         Channels whose spikes are replaced by what lies between their neighbours.
     hold : str

@@ -74,6 +74,7 @@ PLANTED = {
     "sign of v_y": (changed("v_y", np.negative), "v_y moves against r at low speed"),
     "v_y in km/h": (changed("v_y", lambda v: 3.6 * v), "logged in km/h or another unit"),
     "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
+    "side slip angle": (changed("v_y", lambda v: np.arctan2(v, clean()["v_x"])), "v_y moves as a side slip angle does"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
 }
 
@@ -391,3 +392,8 @@ def test_a_spike_at_an_end_leaves_its_neighbours_as_they_are(row):
     assert [s.row for s in spikes] == found
     assert np.flatnonzero(mended["r"] != bad).tolist() == found
     assert mended["r"][found] == pytest.approx(y[found], abs=0.11)
+
+
+def test_a_recording_that_comes_twice_is_said_to():
+    (said,) = doubts(join(session(0), session(1), session(0)), wheelbase=LENGTH)
+    assert said.startswith("recording 3 has the samples of recording 1 again")

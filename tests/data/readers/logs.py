@@ -124,6 +124,45 @@ def kml(latitude: Sequence[float], longitude: Sequence[float], t: Sequence[float
     return f"{head}<gx:Track>{when}{where}</gx:Track></Placemark></Document></kml>"
 
 
+def vbo(made: Made, first: float = 39590.0) -> str:
+    """As a VBOX writes it, from an instant of the day on [s]: a car that drives west from 52 N, 11 E, and a CAN bus."""
+    titles = [
+        "satellites",
+        "time",
+        "latitude",
+        "longitude",
+        "velocity kmh",
+        "heading",
+        "height",
+        "steer",
+        "count",
+        "yaw",
+    ]
+    rows = []
+    for k, t in enumerate(made.t):
+        minutes, s = divmod(round(100 * (first + t)), 6000)
+        hours, minutes = divmod(minutes, 60)
+        rows.append(
+            f"009 {hours % 24:02d}{minutes:02d}{s // 100:02d}.{s % 100:02d} +03120.00000 {-660 + 1e-3 * t:+013.7f} "
+            f"{3.6 * made.v_x[k]:011.7f} 270.00 +00152.58 {np.degrees(made.delta[k]):+.8E} {k:d} "
+            f"{np.degrees(made.r[k]):+.8E}"
+        )
+    parts = [
+        "File created on 31/07/2006 at 09:55:20",
+        "",
+        "[header]",
+        *titles,
+        "",
+        "[channel units]",
+        "deg",
+        "",
+        "deg/s",
+    ]
+    parts += ["", "[comments]", "(c) 2001 2003 Racelogic", "Log Rate (Hz) : 100.00", "", "[column names]"]
+    parts += ["sats time lat long velocity heading height steer count yaw", "", "[data]", *rows]
+    return "\r\n".join(parts) + "\r\n"
+
+
 def labelled(made: Made) -> dict[str, object]:
     """Variables of a MATLAB file whose names and units stand beside the numbers: of Simulink and of a logger."""
     names = ("delta", "v_x", "r")

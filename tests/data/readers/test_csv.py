@@ -66,6 +66,34 @@ def test_headings(text, name, unit):
     assert (heading.name, heading.unit) == (name, unit)
 
 
+@pytest.mark.parametrize(
+    ("channel", "heading", "factor"),
+    [
+        ("v_x", "speed_kmh", 1 / 3.6),
+        ("v_x", "GroundSpeedMph", 0.44704),
+        ("v_x", "speed_mps", 1.0),
+        ("v_x", "speed m/s", 1.0),
+        ("delta", "steer_deg", np.pi / 180),
+        ("r", "yaw_rate_dps", np.pi / 180),
+        ("r", "r_rad_s", 1.0),
+        ("a_y", "lat_acc_g", 9.80665),
+        ("a_y", "ayCoG", 1.0),
+        ("omega_f", "wheel_rpm", np.pi / 30),
+    ],
+)
+def test_a_unit_that_a_heading_ends_with_is_taken(log, channel, heading, factor):
+    x = 1 + 0.3 * np.sin(0.1 * np.arange(50))
+    path = log(f"time_ms,{heading}\n" + "\n".join(f"{20 * k},{v:.9f}" for k, v in enumerate(x)))
+    data = read_csv(path, {channel: heading}, time="time_ms")
+    assert data.dt == pytest.approx(0.02)
+    np.testing.assert_allclose(data[channel], factor * x, rtol=1e-7)
+    told = f"units that headings end with: {channel} in " if heading != "ayCoG" else f"no unit named for {channel}"
+    assert any(note.startswith(told) for note in data.notes)
+    scaled = read_csv(path, {channel: Column(heading, scale=0.5)}, time=Column("time_ms", scale=0.001))
+    np.testing.assert_allclose(scaled[channel], 0.5 * x, rtol=1e-7)  # who scales without a unit makes SI units
+    assert scaled.dt == pytest.approx(0.02)
+
+
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   ", "|", " | "])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_separators_and_line_ends(log, delimiter, newline):
@@ -94,10 +122,73 @@ def test_comments_and_a_heading_inside_them(log):
     assert not any("no unit" in n for n in data.notes)
 
 
+@pytest.mark.parametrize(
+    ("unit", "one", "si"),
+    [
+        ("C", 1.0, "degC"),
+        ("°F", -31 / 1.8, "degC"),
+        ("K", -272.15, "degC"),
+        ("mbar", 100.0, "Pa"),
+        ("1/min", np.pi / 30, "rad/s"),
+        ("U/min", np.pi / 30, "rad/s"),
+        ("kW", 1000.0, "W"),
+        ("ft/s", 0.3048, "m/s"),
+        ("knots", 1852 / 3600, "m/s"),
+        ("mi", 1609.344, "m"),
+        ("m/s/s", 1.0, "m/s2"),
+        ("rad/m", 1.0, "1/m"),
+        ("mrad", 0.001, "rad"),
+        ("l", 0.001, "m3"),
+        ("h", 3600.0, "s"),
+        ("A", 1.0, "A"),
+        ("Hz", 1.0, "Hz"),
+    ],
+)
+def test_units_of_race_logs(log, unit, one, si):
+    data = read_csv(log(table([[0.01 * k, 1.0] for k in range(9)], f"t,x [{unit}]")))
+    assert data.unit("x") == si
+    np.testing.assert_allclose(data["x"], one, rtol=1e-12)
+
+
+def test_a_channel_of_a_unit_that_nobody_knows_keeps_its_numbers(log, tmp_path):
+    """Of a standard channel it is refused, by column and file; written and read again it is the same."""
+    path = log(table([[0.01 * k, k, 20.0] for k in range(9)], "t [s],fuel [lb/h],v_x [m/s]"))
+    data = read_csv(path)
+    np.testing.assert_array_equal(data["fuel"], np.arange(9))
+    assert (data.unit("fuel"), data.unit("v_x")) == ("lb/h", "m/s")
+    assert "units that are not known, numbers as they are: fuel in 'lb/h'" in data.notes
+    again = read_csv(write_csv(data, tmp_path / "again.csv"))
+    assert again == data
+    with pytest.raises(
+        errors.UnitError, match=r"column 'fuel' of 'run.csv' \(channel 'v_x'\) is in 'lb/h', which is no"
+    ):
+        read_csv(path, {"v_x": "fuel"})
+    with pytest.raises(
+        errors.UnitError, match=r"column 'fuel' of 'run.csv' \(channel 'fuel'\) is in 'lbh', which is no"
+    ):
+        read_csv(path, {"fuel": Column("fuel", "lbh")})
+
+
 def test_a_line_of_units_under_the_heading(log):
     data = read_csv(log(table([["s", "deg", "rad/s"], *steady()])))
     assert data["delta"][3] == pytest.approx(np.deg2rad(steady()[3][1]), rel=1e-15)
     assert data["r"][3] == steady()[3][2]
+
+
+@pytest.mark.parametrize("none", ["-", "[-]", "none", "n/a", "1", "", "()"])
+@pytest.mark.parametrize("above", ["", "Logger 7\nDriver,A. Driver\n\n"])
+def test_a_number_without_unit_has_any_word_for_that_in_the_line_of_units(log, none, above):
+    rows = [["s", "[km/h]", none], *([0.01 * k, 72 + k, k] for k in range(12))]
+    data = read_csv(log(above + table(rows, "t,v_x,gear")))
+    np.testing.assert_allclose(data["v_x"], (72 + np.arange(12)) / 3.6)
+    np.testing.assert_array_equal(data["gear"], np.arange(12))
+
+
+@pytest.mark.parametrize("first", ["1,nan,N", "nan,nan,nan", "0,-,-"])
+def test_a_row_of_data_with_missing_cells_is_no_line_of_units(log, first):
+    rest = "\n".join(f"{1 + k},{k},{k}" for k in range(1, 12))
+    seen = open_log(log(f"t,a,b\n{first}\n{rest}\n")).tables[""]
+    assert [h.unit for h in seen.headers] == [None] * 3
 
 
 def test_columns_by_position_without_heading(log):
@@ -463,11 +554,11 @@ def test_writing_to_an_impossible_place(tmp_path):
         write_csv(some_data(), tmp_path / "file" / "run.csv")
 
 
-def test_unknown_unit_is_not_written(tmp_path):
-    data = some_data().with_channel("z", np.zeros(50), "furlong")
-    with pytest.raises(errors.UnitError):
-        write_csv(data, tmp_path / "run.csv")
-    assert list(tmp_path.iterdir()) == []
+def test_a_unit_that_no_heading_holds_is_not_written(tmp_path):
+    data = some_data().with_channel("z", np.zeros(50), "furlong [UK]")
+    with pytest.raises(errors.UnitError, match="cannot stand in a heading"):
+        write_csv(data, tmp_path / "x.csv")
+    assert not list(tmp_path.iterdir())
 
 
 # ---- what a column makes of its numbers --------------------------------------------------------------------------
@@ -625,6 +716,38 @@ def test_a_damaged_date_is_named(log):
     stamps[7] = "2026-13-01T14:00:00.070Z"
     with pytest.raises(errors.FormatError, match=r"line 9, column 't' holds '2026-13-.*; expected a date and time"):
         read_csv(log("t,r\n" + "\n".join(f"{s},{k}" for k, s in enumerate(stamps))))
+
+
+def as_digits(seconds):
+    """hhmmss.ss, as NMEA and Racelogic write the time of day."""
+    minutes, s = divmod(round(100 * seconds), 6000)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours % 24:02d}{minutes:02d}{s // 100:02d}.{s % 100:02d}"
+
+
+@pytest.mark.parametrize("first", [3600 * 10 + 60 * 59 + 55.0, 86390.0, 12.5, 34 * 60.0])
+@pytest.mark.parametrize("step", [0.05, 1.0])
+def test_hours_minutes_and_seconds_in_one_number_are_a_time_of_day(tmp_path, first, step):
+    t = first + step * np.arange(round(130 / step))
+    path = tmp_path / "vbox.csv"
+    path.write_text("time,r [rad/s]\n" + "\n".join(f"{as_digits(x)},{x:.2f}" for x in t))
+    data = read(path)
+    assert data.dt == pytest.approx(step)
+    assert (data.n_samples, data.starts, data.start_times) == (len(t), (0,), pytest.approx((first,)))
+    text = as_digits(first)
+    said = f"hours, minutes and seconds in one number: {float(text):.2f} is {text[:2]}:{text[2:4]}:{text[4:]}"
+    assert any(said in note for note in data.notes)
+    assert any("midnight" in note for note in data.notes) == (first == 86390.0)
+
+
+@pytest.mark.parametrize("first", [0.0, 5.0, 105950.0, 1e6])
+def test_seconds_are_no_hours_and_minutes(log, first):
+    t = first + 0.05 * np.arange(3000)
+    data = read_csv(log("time,r [rad/s]\n" + "\n".join(f"{x:.2f},{x:.2f}" for x in t)))
+    assert (data.start_times, data.starts) == ((first,), (0,))
+    broken = np.concatenate([t[:900], t[:900] + 90])  # a gap elsewhere than between minutes
+    data = read_csv(log("time,r [rad/s]\n" + "\n".join(f"{x:.2f},{x:.2f}" for x in broken)))
+    assert (data.start_times[0], len(data.starts)) == (first, 2)
 
 
 @pytest.mark.parametrize("date", ["", "2024-04-03;"])

@@ -13,7 +13,15 @@ import slipangle as sa
 from slipangle.data.race import equirectangular
 from slipangle.data.readers import open_log
 from slipangle.data.readers.recording import Recording
-from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, TimeError
+from slipangle.data.readers.tables import ArrayTable, Header
+from slipangle.errors import (
+    ConfigError,
+    FormatError,
+    MissingColumnError,
+    NotFiniteError,
+    ParameterError,
+    TimeError,
+)
 from tests.data.readers.logs import (
     LdChannel,
     drive,
@@ -22,6 +30,7 @@ from tests.data.readers.logs import (
     labelled,
     motec_csv,
     race_capture,
+    vbo,
     write_bag,
     write_ld,
     write_mat5,
@@ -138,6 +147,12 @@ FORMATS = {
     ),
     "mdf3": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
     "mdf4": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
+    "Racelogic VBO": (
+        lambda p: p.write_text(vbo(MADE), newline=""),
+        {"delta": "steer", "v_x": "velocity", "r": "yaw"},
+        {},
+        1e-6,
+    ),
     "MoTeC ld": (ld, {"delta": "Steered Angle", "v_x": "Ground Speed", "r": "Gyro Yaw"}, {}, 5e-3),
 }
 
@@ -175,6 +190,57 @@ def test_topics_of_a_bag_are_merged_by_their_time(ros, name, tmp_path):
     inside = next(path.glob("*.mcap"), None) or next(path.glob("*.db3"), None) if path.is_dir() else None
     if inside is not None:
         assert np.array_equal(sa.read(inside, columns).values, data.values)
+
+
+@pytest.mark.parametrize("first", [39590.0, 39598.0, 86398.5, 0.0])
+def test_places_and_times_of_a_vbo_file_are_those_of_the_world(first, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE, first))
+    data = sa.read(path)
+    assert (data.dt, data.starts, data.start_times) == (pytest.approx(0.01), (0,), pytest.approx((first,)))
+    assert data.unit("count") == "-"
+    np.testing.assert_array_equal(data["count"], np.arange(len(MADE.t)))
+    longitude = 11 - 1e-3 / 60 * MADE.t  # minutes that count to the west
+    np.testing.assert_allclose(np.degrees(data["longitude"]), longitude, atol=2e-9)
+    np.testing.assert_allclose(np.degrees(data["latitude"]), 52.0, rtol=1e-12)
+    radius = 6378137 / np.sqrt(1 - 0.00669437999 * np.sin(np.radians(52)) ** 2) * np.cos(np.radians(52))
+    np.testing.assert_allclose(data["X"], radius * np.radians(longitude - 11), atol=2e-4)
+    np.testing.assert_allclose(data["Y"], 0, atol=1e-9)
+    assert np.degrees(data["heading"][0]) == pytest.approx(270)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("steer\r\n", "", r"9 channels under \[header\], 10 under"),
+        ("[data]", "[rows]", r"0 rows under \[data\]"),
+        ("270.00", "", r"no even table of numbers|rows of 9 numbers"),
+        ("+03120", "x03120", "no even table of numbers"),
+        ("+03120", "+93120", "beyond the poles; expected minutes"),
+    ],
+)
+@pytest.mark.parametrize("rows", [1, -1])
+def test_a_damaged_vbo_file_is_refused(old, new, said, rows, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace(old, new, rows), newline="")
+    with pytest.raises(FormatError, match=said):
+        sa.read(path)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kmh", 1 / 3.6), ("mph", 0.44704), ("m/s", 1.0), ("kn", 1852 / 3600)])
+def test_the_speed_of_a_vbo_file_is_in_the_unit_of_its_title(unit, factor, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace("velocity kmh", f"velocity {unit}"))
+    np.testing.assert_allclose(sa.read(path, ["velocity"])["velocity"], 3.6 * MADE.v_x * factor, rtol=1e-6)
+
+
+@pytest.mark.parametrize("lines", ["deg", "deg\r\n\r\n\r\ndeg/s\r\n"])
+def test_units_of_a_vbo_file_that_may_be_of_other_channels_are_not_taken(lines, tmp_path):
+    path = tmp_path / "lap.vbo"
+    path.write_text(vbo(MADE).replace("deg\r\n\r\ndeg/s\r\n", f"{lines}\r\n"), newline="")
+    data = sa.read(path)
+    assert [data.unit(n) for n in ("steer", "yaw", "velocity")] == ["-", "-", "m/s"]
+    assert any("[channel units] is not one line for each" in note for note in data.notes)
 
 
 @pytest.mark.parametrize("write", [gpx, kml])
@@ -241,8 +307,29 @@ def test_a_file_beside_a_file_brings_more_channels(tmp_path):
     wheel.write_text("t,angle\n" + "\n".join(f"{far + t:.6f},{a:.9f}" for t, a in rows))
     data = sa.read(imu, {"delta": "angle", "r": "yaw"}, beside=[wheel], inputs=["delta"], outputs=["r"])
     assert data.dt == pytest.approx(0.01)
-    at = data.t + 0.01  # the clock begins with the first instant that both have
-    np.testing.assert_allclose(data["r"], np.interp(at - 0.01 + 0.0031, MADE.t, MADE.r), atol=1e-4)
+    at = data.t + 0.01  # the clock is that of the faster one, from its first sample on that both have
+    np.testing.assert_allclose(data["r"], np.interp(at, MADE.t, MADE.r), atol=1e-6)
+    np.testing.assert_allclose(data["delta"], np.interp(at, MADE.t, MADE.delta), atol=1e-4)
+
+
+@pytest.mark.parametrize("rate", [1024.0, 102.4, 128.5, 256.0, 60.0, 100.0])
+@pytest.mark.parametrize("late", [0.0, 0.0037])
+def test_the_fastest_channel_is_not_interpolated_when_others_are_put_on_its_clock(rate, late):
+    t, slow = np.arange(int(4 * rate)) / rate, 0.1 * np.arange(38) + late
+    fast = np.sin(2 * np.pi * 0.1 * rate * t)
+    tables = {
+        topic: ArrayTable(
+            name=topic,
+            headers=(Header(text="t", name="t", unit="s"), Header(text=name, name=name, unit="m")),
+            values=np.column_stack([stamps, values]),
+        )
+        for topic, name, stamps, values in (("one", "a", t, fast), ("two", "b", slow, np.cos(slow)))
+    }
+    data = Recording(name="run", tables=tables).resample(columns={"a": "a", "b": "b"})
+    assert data.dt == pytest.approx(1 / rate, rel=1e-9)
+    assert late <= data.t[0] < late + 1 / rate
+    np.testing.assert_allclose(data["a"], np.sin(2 * np.pi * 0.1 * rate * data.t), atol=1e-9)
+    np.testing.assert_allclose(data["b"], np.cos(data.t), atol=2e-3)
 
 
 def test_a_silent_topic_is_a_gap(tmp_path):
@@ -294,6 +381,39 @@ def test_odd_labels_of_a_matlab_file_leave_its_numbers_findable(write, tmp_path)
     assert firsts == {"t": 0, "signals(1).values": 0, "signals(2).values": 1, "signals.a_b": 2} | {
         f"signals({k + 1}).values": k for k in (3, 4)
     }
+
+
+@pytest.mark.parametrize("write", [write_mat5, write_mat73])
+def test_columns_of_a_matrix_of_a_matlab_file_are_counted_and_in_no_unit(write, tmp_path):
+    matrix = np.column_stack([20 + MADE.t, MADE.delta, MADE.r])
+    log = open_log(write(tmp_path / "x.mat", {"t": MADE.t[:, None], "M": matrix}))
+    assert set(log.names) == {"t", "M(1)", "M(2)", "M(3)"}
+    data = log.resample(None, {"v_x": "M(1)", "r": "M(3)"})
+    np.testing.assert_array_equal(data["v_x"], matrix[:, 0])
+    assert "no unit named for v_x, r: taken as SI" in data.notes
+
+
+@pytest.mark.parametrize("origin", [0.0, 1.7e9])
+def test_a_channel_that_shortens_the_drive_is_named(tmp_path, origin):
+    """Its end or its begin is the merged log's, however long the others go on."""
+    k = np.arange(2000)
+    path = tmp_path / "x.csv"
+
+    def notes(x_there, y_there):
+        rows = zip(k, k < x_there, k >= y_there, strict=True)
+        cells = [f"{origin + 0.01 * n:.2f},{np.sin(0.01 * n) if a else ''},{n if b else ''}" for n, a, b in rows]
+        path.write_text("time [s],X [m],Y [m]\n" + "\n".join(cells))
+        data = sa.read(path, {"X": "X", "Y": "Y"}, nan="merge")
+        assert data.duration == pytest.approx(0.01 * (x_there - y_there), abs=0.03)
+        return [n for n in data.notes if n.startswith("merged")]
+
+    (up_to,) = notes(1000, 0)
+    assert up_to == "merged up to 9.99 s, where X ends: Y ends at 19.99 s"
+    both = notes(1500, 500)
+    begin, other, end = (0.0, -5.0, 9.99) if origin else (5.0, 0.0, 14.99)
+    assert both[0] == f"merged from {begin:g} s, where Y begins: X begins at {other:g} s"
+    assert both[1].startswith(f"merged up to {end:g} s, where X ends: Y ends at ")
+    assert notes(1980, 20) == []
 
 
 @pytest.mark.parametrize("day", [738000.25, 46143.25], ids=["datenum", "spreadsheet"])

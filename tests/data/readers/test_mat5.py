@@ -132,3 +132,37 @@ def test_of_a_complex_vector_in_hdf5_too(tmp_path):
     data = read(tmp_path / "a.mat", {"q": "c"})
     np.testing.assert_array_equal(data["q"], c.real)
     assert sum("'c' is complex" in note for note in data.notes) == 1
+
+
+def hdf5_of(path, attributes):
+    """Read 72 as v_x of an HDF5 file whose dataset has these attributes."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["time"], file["v_x"] = 0.01 * np.arange(50), np.full(50, 72.0)
+        file["time"].attrs["units"] = "seconds since 2024-05-01 00:00:00"
+        for name, value in attributes.items():
+            file["v_x"].attrs[name] = value
+    return read(path, {"v_x": "v_x"})
+
+
+@pytest.mark.parametrize(
+    ("attributes", "si"),
+    [
+        ({"units": "km/h"}, 20.0),
+        ({"unit": np.bytes_("km/h")}, 20.0),
+        ({"Units": np.array(["km/h"], dtype="S")}, 20.0),
+        ({"long_name": "speed", "UNITS": "mph"}, 72 * 0.44704),
+        ({"units": "m s-1"}, 72.0),
+    ],
+)
+def test_a_unit_in_the_attributes_of_an_hdf5_dataset_is_its_unit(attributes, si, tmp_path):
+    data = hdf5_of(tmp_path / "a.h5", attributes)
+    np.testing.assert_allclose(data["v_x"], si, rtol=1e-12)
+    assert not any("no unit" in note for note in data.notes)
+
+
+@pytest.mark.parametrize("attributes", [{}, {"units": ""}, {"units": 3.0}, {"units": np.zeros(0)}])
+def test_an_hdf5_dataset_without_a_unit_is_taken_as_si(attributes, tmp_path):
+    data = hdf5_of(tmp_path / "a.h5", attributes)
+    assert data["v_x"][0] == 72.0
+    assert "no unit named for v_x: taken as SI" in data.notes

@@ -40,6 +40,34 @@ def test_every_sign_system_gives_the_same_data(kind, z_down, opposes, name):
     same(found, reference)
 
 
+def held(angle, *, opposes, z_down=True):
+    """A drive/brake run at one slip angle [deg], of a tire whose side force pulls to one side a little."""
+    rng, ratio = np.random.default_rng(0), np.tile(0.2 * np.sin(np.linspace(0, 2 * np.pi, 400, endpoint=False)), 5)
+    load, alpha = np.repeat([220.0, 440.0, 660.0, 880.0, 440.0], 400), angle + 0.05 * rng.normal(size=2000)
+    left = load * (0.02 + 2.2 * np.sin(1.4 * np.arctan(0.2 * alpha))) / np.sqrt(1 + (8 * ratio) ** 2)
+    side = -1.0 if z_down else 1.0  # our y in the file's axes
+    columns = {"SA": alpha * side * (-1.0 if opposes else 1.0), "SL": ratio, "FY": side * left, "FZ": side * load}
+    columns["FX"] = load * 2.2 * np.sin(1.5 * np.arctan(12 * ratio))
+    return {**columns, "MZ": rng.normal(size=2000), "P": np.full(2000, 83.0)}
+
+
+@pytest.mark.parametrize("angle", [-6.0, -1.5, 1.5, 3.0])
+@pytest.mark.parametrize("opposes", [True, False])
+@pytest.mark.parametrize("z_down", [True, False])
+def test_a_run_at_one_slip_angle_shows_its_sign(angle, opposes, z_down):
+    data = from_channels(held(angle, opposes=opposes, z_down=z_down), UNITS)
+    assert np.rad2deg(np.median(data.slip_angle)) == pytest.approx(angle, abs=0.01)
+    assert np.sign(np.median(data.F_y)) == np.sign(angle)
+    assert f"SA > 0 gives FY {'< 0' if opposes else '> 0'}," in data.notes[0]
+    assert "that MZ aligns in right-handed axes is taken" in data.notes[0]
+
+
+@pytest.mark.parametrize("opposes", [True, False])
+def test_a_run_at_no_slip_angle_shows_none_and_says_so(opposes):
+    data = from_channels(held(0.0, opposes=opposes), UNITS)
+    assert "that SA > 0 gives FY < 0 is taken, at this slip angle the data do not tell" in data.notes[0]
+
+
 def test_signs_are_ours():
     data = from_channels(channels(), UNITS)
     assert data.load.min() > 0

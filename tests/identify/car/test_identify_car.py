@@ -249,8 +249,17 @@ def test_channels_that_have_nothing_to_do_with_each_other_are_said_to():
     for name, size in (("v_y", 0.3), ("r", 0.1)):
         data = data.with_channel(name, size * rng.standard_normal(len(data)), data.unit(name))
     found = identify_car(data, **KNOWN)
-    assert any(re.match("steering and speed explain [0-3] % of v_y and r", s) for s in found.doubts)
+    assert any(re.match("steering and speed explain [0-3] % of v_y and [0-3] % of r", s) for s in found.doubts)
     assert not any("measure v_y" in s for s in found.sentences)  # it is
+
+
+@pytest.mark.parametrize(("name", "other"), [("r", "v_y"), ("v_y", "r")])
+def test_a_channel_that_has_nothing_to_do_with_the_drive_is_named_beside_a_sound_one(name, other):
+    data = drives()
+    alien = np.concatenate([part[name] for part in reversed(data.experiments)])  # of the other drives
+    found = identify_car(data.with_channel(name, alien, data.unit(name)), **KNOWN)
+    (said,) = (s for s in found.doubts if s.startswith("steering and speed explain"))
+    assert re.match(rf"steering and speed explain \d % of {name}, but \d\d+ % of {other}, ", said)
 
 
 def test_a_yaw_rate_in_degrees_is_named_whatever_friction_it_asks_for():

@@ -16,9 +16,10 @@ from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE, log
 AT_ONCE = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
 
 
-def drives(**behind):
+def drives(outputs=OUTPUTS, **behind):
     """Six drives at speeds of their own, channels ``behind`` by so many seconds."""
-    parts = [log(v, k, seconds=8.0, steering=AT_ONCE).hold_mean() for k, v in enumerate((9, 13, 17, 21, 25, 29))]
+    how = dict(seconds=8.0, steering=AT_ONCE, outputs=outputs)
+    parts = [log(v, k, **how).hold_mean() for k, v in enumerate((9, 13, 17, 21, 25, 29))]
     for name, seconds in behind.items():
         n = round(seconds / DT)
         parts = [p.with_channel(name, np.append(np.full(n, p[name][0]), p[name][:-n]), p.unit(name)) for p in parts]
@@ -26,7 +27,7 @@ def drives(**behind):
 
 
 def fitted(data, *more):
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(mu_f=0.9, mu_r=1.0)
+    guess = first_guess(**KNOWN, dt=DT, outputs=data.outputs, gain=1.0).with_values(mu_f=0.9, mu_r=1.0)
     return fit(guess, (*STIFF, *more), data)
 
 
@@ -41,6 +42,22 @@ def test_it_is_found_said_and_counted():
     others, (said,) = with_lateness(final, [(SimpleNamespace(free=SPEED), 1.0)], data)
     assert [set(other.free) for other, _ in others] == [{*STIFF}]  # the speed's scale explains a part of it only
     assert said.startswith(f"v_y comes {seconds:.2g} s behind r, as the motion of the car tells")
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.2])
+def test_a_lateral_acceleration_that_is_late_is_too(seconds):
+    data = drives(("r", "a_y"), a_y=seconds)
+    final = fitted(data)
+    found, on_time = late(final, data, "a_y")
+    assert found == pytest.approx(seconds, abs=0.02)
+    assert (on_time.sigma < 0.8 * final.sigma).any()
+    _, (said,) = with_lateness(final, [], data)
+    assert said.startswith("a_y comes 0.")
+
+
+def test_a_lateral_acceleration_on_time_is_not_said_to_be_late():
+    data = drives(("r", "a_y"))
+    assert with_lateness(fitted(data), [], data) == ([], [])
 
 
 def test_a_yaw_rate_that_is_late_is_told_from_it():

@@ -131,6 +131,21 @@ def test_experiments_are_not_correlated_with_each_other():
         assert found.cross[0][lag + 6] == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize("gain", [0.0, 0.5])
+def test_an_error_that_moves_as_a_slalom_does_is_not_called_independent_of_it(gain):
+    """Two sines of steering in the error are hardly chance, but this test lets them pass for it."""
+    t = 0.04 * np.arange(900)
+    u = 1.5 * np.sin(2 * np.pi * 0.3 * t) + np.sin(2 * np.pi * 0.9 * t + 1)
+    e = gain * u + 0.3 * np.random.default_rng(0).standard_normal(900)
+    found = judged(e, u, lag=40)
+    seen = np.abs(found.cross[0][40:]).max()
+    if gain:
+        assert 0.8 < seen < found.cross_band[0]
+        assert f"these data do not tell (correlation +{seen:.2f} at 0.00 s)" in found.sentences[1]
+    else:
+        assert found.sentences[1] == "the free-run error does not depend on u"
+
+
 def test_a_missing_delay_is_found_and_placed():
     rng = np.random.default_rng(3)
     n = 3000

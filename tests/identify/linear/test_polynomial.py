@@ -1,5 +1,6 @@
 """ARMAX, output-error, Box-Jenkins: true coefficients inside their intervals, ARX as a special case, refusals."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.linear import polynomial
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
@@ -236,7 +237,8 @@ def test_output_error_minimises_the_free_run():
 
 def test_pole_limit_holds():
     true = {**OE_TRUE, "F": [[-1.9, 0.905], [-0.8]]}
-    model = OutputError(nb=(2, 1), nf=(2, 1), nk=(1, 2), max_radius=0.9).fit(record(true, 400, 6, 1.0))
+    with pytest.warns(ModelWarning, match="a pole ends at the limit of 0.9:"):
+        model = OutputError(nb=(2, 1), nf=(2, 1), nk=(1, 2), max_radius=0.9).fit(record(true, 400, 6, 1.0))
     assert np.abs(model.poles).max() <= 0.9 + 1e-9
 
 
@@ -256,3 +258,25 @@ def test_bad_orders_and_data():
         OutputError(nb=1, nf=1).fit(data.with_channel("u1", 2 * data["u0"]))
     with pytest.raises(TooShortError, match="20 samples for 12 parameters"):
         OutputError(nb=3, nf=3).fit(data.head(20))
+
+
+@pytest.mark.parametrize(
+    "estimator", [OutputError(nf=1, nb=1), BoxJenkins(nf=1, nb=1), StateSpace(order=1, max_radius=1)]
+)
+@pytest.mark.parametrize(("pole", "beyond"), [(0.98, False), (0.999, False), (1.005, True), (1.02, True)])
+def test_a_pole_that_is_held_is_said_to_be(estimator, pole, beyond):
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal(300)
+    y = lfilter([0, 1], [1, -pole], u) + 0.01 * rng.standard_normal(300)
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        said = estimator.fit(data).fit_info.warnings
+    assert ["a pole ends at the limit of 1:" in s for s in said] == [True] * beyond
+
+
+def test_a_radius_beyond_one_that_an_f_cannot_have_is_refused():
+    data = Dataset.from_arrays({"u": np.ones(50)}, {"y": np.arange(50.0)}, 0.1)
+    with pytest.raises(ParameterError, match=r"max_radius is 1\.05; expected at most 1 with an F"):
+        OutputError(nf=1, nb=1, max_radius=1.05).fit(data)

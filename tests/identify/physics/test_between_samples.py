@@ -15,14 +15,14 @@ from slipangle.identify.physics.grey_box import GreyBox
 DT, FINE, TRUE = 0.05, 20, {"w": 5.0, "z": 0.3, "g": 6.0}
 
 
-def oscillator():
+def oscillator(dt=DT):
     return Ode(
         f=lambda x, u, p: [x[1], p.w * p.w * (p.g * u[0] - x[0]) - 2 * p.z * p.w * x[1]],
         states=("y", "v"),
         inputs=("u",),
         outputs=("y",),
         params={"w": (4.0, 0.1, 50.0), "z": (0.5, 0.01, 5.0), "g": (4.0, 0.1, 50.0)},
-        dt=DT,
+        dt=dt,
     )
 
 
@@ -74,6 +74,19 @@ def test_means_of_lines_are_silent_and_hold():
     for seed in range(10):
         info, said = fitted(record("line", seed, 0.1).hold_mean())
         assert not said
+        inside.append(np.abs(info.values - list(TRUE.values())) <= 1.96 * info.std)
+    assert np.mean(inside) >= 0.85
+
+
+@pytest.mark.parametrize(("how", "told"), [("held", "no rate in a job"), ("line", "hold_mean()")])
+@pytest.mark.parametrize("times", [2, 4])
+def test_lines_that_a_higher_rate_draws_between_samples_hide_no_inputs_that_were_held(how, told, times):
+    inside = []
+    for seed in range(5):
+        data = record(how, seed, 0.02).resample(DT / times)
+        info, said = fitted(data, oscillator(DT / times))
+        assert len(said) == 1
+        assert told in said[0]
         inside.append(np.abs(info.values - list(TRUE.values())) <= 1.96 * info.std)
     assert np.mean(inside) >= 0.85
 

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from slipangle.data.dataset import Dataset, join
 from slipangle.models.vehicles.bicycle import bicycle
 from slipangle.models.vehicles.nonlinear_bicycle import (
     NonlinearBicycle,
     NonlinearBicycleParams,
     axle_force,
     nonlinear_bicycle,
+    with_speed_derivative,
 )
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
 
@@ -60,3 +62,9 @@ def test_standstill_is_defined():
             x = model.step(x, np.array([0.2, v, 0.0]))
         assert np.isfinite(x).all()
     assert GRAVITY == 9.81
+
+
+def test_the_derivative_of_a_piece_of_one_sample_is_nothing():
+    ramp = Dataset.from_arrays({"v_x": 20 + 0.3 * np.arange(9)}, {"r": np.zeros(9)}, 0.1)
+    pieces = join(ramp, ramp.rows(4, 5), ramp.rows(0, 2))
+    np.testing.assert_allclose(with_speed_derivative(pieces)["v_x_dot"], [*[3.0] * 9, 0.0, 3.0, 3.0])

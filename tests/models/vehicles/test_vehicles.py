@@ -315,3 +315,10 @@ def test_parameters_out_of_range_say_so():
     )
     with pytest.raises(MissingColumnError, match="no channel 'v_x'"):
         single_track(SOUSA_TABLE_6_2, outputs=("r",)).simulate(data)
+
+
+@pytest.mark.parametrize("substeps", [2.5, -1, True, "2", None])
+def test_substeps_are_counted(substeps):
+    with pytest.raises(ParameterError, match=r"substeps is .*; expected a whole number of at least 1, or 0"):
+        single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=substeps)
+    assert single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=np.int64(3)).substeps == 3

@@ -148,6 +148,26 @@ def test_the_driven_line_is_a_path_with_speeds():
     assert path.length / np.mean(path.v_x) == pytest.approx(lap.time, rel=0.02)
 
 
+@pytest.mark.parametrize("points", [120, 300])
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_line_of_the_lap_bends_as_the_lap_does(points, closed):
+    whole = circuit()
+    part = sa.Path.from_points(whole.X[:800:4], whole.Y[:800:4], right=5.0, left=5.0)
+    lap = sa.fastest_lap(RACER, whole if closed else part, points=points)
+    line = lap.path
+    slip, speed = np.arctan2(lap.v_y, lap.v_x), np.hypot(lap.v_x, lap.v_y)
+    across = lap.a_y * np.cos(slip) - lap.a_x * np.sin(slip)  # what the drive itself has, by its forces
+    ends = slice(1, None if closed else -4, 2)  # where nothing follows, the drive ends with a jerk
+    feet = line.project_all(lap.X[ends], lap.Y[ends])
+    assert np.abs(feet[:, 1]).max() < 0.06
+    last = len(line.s) if closed else -round(12 / line.spacing)
+    assert np.abs(line.v_x**2 * line.curvature)[:last].max() < 1.02 * np.abs(across).max()
+    bend = across[ends] / speed[ends] ** 2
+    assert line.at(feet[:, 0]).curvature == pytest.approx(bend, abs=0.08 * np.abs(bend).max())
+    heading = np.unwrap(line.at(feet[:, 0]).psi - (lap.psi + slip)[ends])
+    assert heading - 2 * np.pi * np.round(heading / 2 / np.pi) == pytest.approx(0.0, abs=0.01)
+
+
 def test_where_the_car_does_not_fit_is_named():
     with pytest.raises(ParameterError, match=r"1\.6 m wide .* the car needs 1\.9 m"):
         sa.fastest_lap(RACER, circuit(width=0.8), points=60)

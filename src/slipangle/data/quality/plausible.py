@@ -9,9 +9,10 @@ from scipy import signal
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.events import runs
+from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
 from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
-from slipangle.data.recordings import recordings
+from slipangle.data.recordings import recordings, repeated
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
 # told, and what explains it.
@@ -33,9 +34,11 @@ _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
 _FOLLOWS = 0.75  # that correlation of v_y, from which they are swapped where r's is below _AGREE
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
+_BETTER = 0.9  # of what steady driving does not tell of v_y, below which v_x v_y is what moves as v_y should
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
+_IN = 0.1  # wheelbases from the rear axle, beyond which a place is not zero
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
-_ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
+_ZERO = 0.09  # rad/s, offset of r that a fit hardly reaches
 _BEYOND = 80.0  # m/s2 of v_x r, more than any car with wings has
 _CHANGES = "v_x or r is in another unit, if only over a part of the log; look at both over time"
 _ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
@@ -67,9 +70,14 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     parts = {k: _part(data, of == k) for k in long} if len(long) > 1 else {}
     each = {k: _doubts(part, wheelbase) for k, part in parts.items()}
     sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
+    again = [
+        f"recording {j + 1} has the samples of recording {i + 1} again: they count twice, and intervals are too "
+        "narrow; leave one out"
+        for i, j in repeated([_part(data, of == k) for k in dict.fromkeys(of)], ("delta", "r"))
+    ]
     if 2 * len(sound) < len(each) or len(sound) == len(each):  # the same mistake looks otherwise at another speed
-        return _doubts(data, wheelbase)
-    said = [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
+        return (*again, *_doubts(data, wheelbase))
+    said = again + [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
     others = np.isin(of, [k for k, one in each.items() if one], invert=True)
     return (*said, *_doubts(_part(data, others), wheelbase))
 
@@ -157,25 +165,16 @@ def _smoothed(
     return fast, smooth, np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
 
 
-def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope of y over x, and their correlation."""
-    x, y = x - x.mean(), y - y.mean()
-    power = float(x @ x)
-    if power <= 0 or not y.any():
-        return 0.0, 0.0
-    return float(x @ y) / power, float(x @ y / np.sqrt(power * (y @ y)))
-
-
 def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: float) -> tuple[list[str], bool]:
     """Sentences on a_y, or v_y, beside v_x r, and whether one says that v_x, r or their units are wrong."""
     turn = smooth["v_x"] * smooth["r"]
-    other, agree_y = _slope(turn, smooth["v_y"]) if "v_y" in smooth else (0.0, 0.0)
+    other, agree_y = slope_of(turn, smooth["v_y"]) if "v_y" in smooth else (0.0, 0.0)
     like_a_y = agree_y > 0.9 and 0.5 < other < 2
     if "a_y" not in smooth:
         if like_a_y and wheelbase < _SHORT * float(np.mean(smooth["v_x"])):
             return ["v_y moves as a_y should, as v_x r does: it is a lateral acceleration, name it a_y"], False
         return [], False
-    slope, agree = _slope(turn, smooth["a_y"])
+    slope, agree = slope_of(turn, smooth["a_y"])
     if like_a_y and agree < 0.7 and min(abs(agree) / 0.7, abs(slope) / 0.5) < 1:
         return ["v_y moves as a_y should, as v_x r does, and a_y does not: v_y and a_y are swapped"], False
     if agree < -0.7:
@@ -194,7 +193,7 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
 
 def _speed_agrees(smooth: dict[str, np.ndarray]) -> bool:
     """Whether a_y is about v_x r, so that no unit of v_x is wrong."""
-    slope, agree = _slope(smooth["v_x"] * smooth["r"], smooth["a_y"]) if "a_y" in smooth else (0.0, 0.0)
+    slope, agree = slope_of(smooth["v_x"] * smooth["r"], smooth["a_y"]) if "a_y" in smooth else (0.0, 0.0)
     return agree > 0.7 and 0.6 < slope < 1.7
 
 
@@ -269,58 +268,22 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     fast = v > 0.3 * np.quantile(v, 0.9)
     turn = r * wheelbase / np.where(fast, v, np.inf)
-    later = _rate(turn, drives)[fast]
+    later = rate_of(turn, drives)[fast]
     v, r, delta, drives, asked = v[fast], r[fast], delta[fast], drives[fast], turn[fast]
-    _, agree = _slope(delta, asked)
-    inside = _inside(delta, drives)
+    _, agree = slope_of(delta, asked)
+    inside = about_means(delta, drives)
     if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
         drives = np.zeros_like(drives)
     columns, speeds = [delta, -later], float(np.ptp(v)) > _SPEEDS * float(v.mean())
     if speeds:  # understeer, which at one speed cannot be told from the steering's gain
         columns.append(-v * r * wheelbase)
-    table = np.column_stack([_inside(column, drives) for column in (*columns, asked)])
-    gain, error = _coefficient(_blocks(table, drives))
+    table = np.column_stack([about_means(column, drives) for column in (*columns, asked)])
+    gain, error = coefficient(by_blocks(table, drives))
     return gain, agree, speeds, error
-
-
-def _rate(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-    """Change per sample of a signal inside drives."""
-    return np.concatenate([np.gradient(part) for part in np.split(x, np.flatnonzero(np.diff(drives)) + 1)])
-
-
-def _blocks(table: np.ndarray, drives: np.ndarray) -> np.ndarray:
-    """Products of the columns of a table, summed over blocks of the drives, shape (n_blocks, n, n)."""
-    rows = np.split(table, np.flatnonzero(np.diff(drives)) + 1)
-    blocks = [b for part in rows for b in np.array_split(part, max(1, _BLOCKS // len(rows)))]
-    return np.array([b.T @ b for b in blocks])
-
-
-def _coefficient(squares: np.ndarray, which: int = 0) -> tuple[float, float]:
-    """A coefficient of the last column's regression on the others, and its standard error, of a jackknife over blocks.
-
-    The error is infinite of three blocks or fewer (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
-    """
-    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
-    squares = squares / np.outer(size, size)
-
-    def of(total: np.ndarray) -> float:
-        found = np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-9)[0]
-        return float(found[which] * size[-1] / size[which])
-
-    whole, n = squares.sum(axis=0), len(squares)
-    others = np.array([of(whole - one) for one in squares])
-    error = float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if n > 3 else np.inf
-    return of(whole), error
 
 
 def _over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
     return smooth["delta"] - smooth.get("delta_r", 0.0)
-
-
-def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-    """The signal about its mean in each drive."""
-    count = np.maximum(np.bincount(drives), 1)
-    return x - (np.bincount(drives, x) / count)[drives]
 
 
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
@@ -336,8 +299,10 @@ def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     value, error = 0.0, np.inf
     for _ in range(_ANEW):  # understeer is that of the motion, without the offset
         true = r - value
-        table = np.column_stack([v * delta, v * v * true, v, np.ones(len(v)), _rate(r, drives), v * (v * true) ** 3, r])
-        value, error = _coefficient(_blocks(table, drives), 3)
+        table = np.column_stack(
+            [v * delta, v * v * true, v, np.ones(len(v)), rate_of(r, drives), v * (v * true) ** 3, r]
+        )
+        value, error = coefficient(by_blocks(table, drives), 3)
     if abs(value) < max(_ZERO, 5 * error):
         return []
     return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
@@ -352,9 +317,14 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
         return []
     squares, told = _slips(smooth, drives)
+    if _is_angle(smooth, drives, wheelbase, told):
+        return [
+            "v_y moves as a side slip angle does, at low speed in proportion to r over v_x: derive v_y as v_x times "
+            "its tangent, or give the column another name"
+        ]
     if told < _TIED:
         return []
-    (arm, sure), (softness, certain) = (_coefficient(squares, k) for k in range(2))
+    (arm, sure), (softness, certain) = (coefficient(squares, k) for k in range(2))
     sure, certain, farthest = _CERTAIN * sure, _CERTAIN * certain, _OUTSIDE * wheelbase
     if -farthest < arm < -sure and softness < -certain:
         return ["v_y moves against r at low speed and with it at high speed: it has the wrong sign; left is positive"]
@@ -366,11 +336,20 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     return []
 
 
+def _is_angle(smooth: dict[str, np.ndarray], drives: np.ndarray, wheelbase: float, told: float) -> bool:
+    """Whether v_x v_y, and not v_y, of which steady driving tells the share ``told``, is that of a place in the car."""
+    squares, better = _slips(smooth | {"v_y": smooth["v_x"] * smooth["v_y"]}, drives)
+    if better < _TIED or 1 - better > _BETTER * (1 - told):
+        return False
+    arm, sure = coefficient(squares, 0)
+    return _IN * wheelbase < abs(arm) - _CERTAIN * sure and abs(arm) + _CERTAIN * sure < _OUTSIDE * wheelbase
+
+
 def _slips(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[np.ndarray, float]:
     """Products of what v_y is made of, and of v_y, in blocks, see `_sideways`; the share that steady driving tells."""
     v, r = smooth["v_x"], smooth["r"]
-    columns = r, -r * v * v, v * _rate(r, drives), -v * _rate(smooth["v_y"], drives), smooth["v_y"]
-    squares = _blocks(np.column_stack([_inside(column, drives) for column in columns]), drives)
+    columns = r, -r * v * v, v * rate_of(r, drives), -v * rate_of(smooth["v_y"], drives), smooth["v_y"]
+    squares = by_blocks(np.column_stack([about_means(column, drives) for column in columns]), drives)
     whole = squares.sum(axis=0)
     found = np.linalg.lstsq(whole[:2, :2], whole[:2, -1], rcond=1e-12)[0]
     return squares, float(found @ whole[:2, -1] / max(whole[-1, -1], 1e-300))

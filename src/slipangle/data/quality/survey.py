@@ -17,8 +17,8 @@ from slipangle.data.clock import GAP, JITTER
 from slipangle.data.quality.plausible import REAR
 from slipangle.data.quality.vocabulary import QUANTITY, WORDS
 from slipangle.data.readers.column import Column
-from slipangle.data.readers.columns import in_days
 from slipangle.data.readers.recording import Recording
+from slipangle.data.readers.stamps import in_days
 from slipangle.data.readers.tables import DATE, ChannelTable
 from slipangle.errors import SlipangleError
 
@@ -185,11 +185,13 @@ def _clock(log: Recording) -> tuple[Column | None, list[tuple[str, str]], list[s
         stamps = table.numbers(place) if header.unit != DATE else np.zeros(0)
         steps = np.diff(stamps[np.isfinite(stamps)])
         step = float(np.median(steps)) if len(steps) else 0.0
-        unit = None if header.unit else next((u for u, most in _COUNTS if step < most), "ns")
-        unit = "d" if not header.unit and in_days(stamps, step) else unit
+        _, ends = units.ending(header.name, "time")
+        unit = None if header.unit else ends or next((u for u, most in _COUNTS if step < most), "ns")
+        unit = "d" if not (header.unit or ends) and in_days(stamps, step) else unit
         if known and unit in (None, "s"):
             return None, [], []
-        why = f"its steps of {step:.4g} look like {_SPOKEN[unit or 's']}" if unit else "it rises from row to row"
+        why = f"its name says {ends}" if ends else f"its steps of {step:.4g} look like {_SPOKEN[unit or 's']}"
+        why = why if unit else "it rises from row to row"
         column = Column(header.name, unit)
         entry = f"time = {{ column = {quoted(header.name)}{f', unit = {quoted(unit)}' if unit else ''} }}"
         return column, [(entry, why)], []
@@ -238,7 +240,8 @@ def _guess(channel: str, seen: Sequence[Seen], values: dict[str, np.ndarray], as
     wanted, never = WORDS[channel]
     ranked = [(word, one) for late in (False, True) for word in wanted for one in seen if (one.name in asked) == late]
     for word, one in ranked:
-        name, last = _plain(one.name), _plain(re.split(r"[./]", one.name)[-1])
+        bare, ends = units.ending(one.name, QUANTITY[channel])
+        name, last = _plain(bare), _plain(re.split(r"[./]", bare)[-1])
         called = word in (name, last) or (len(word) == 2 and name.endswith(word))
         fits = called if len(word) <= 2 else word in f"{name}$"
         if not fits or any(w in f"{name}$" for w in never if w not in word) or "constant" in one.remarks:
@@ -248,14 +251,14 @@ def _guess(channel: str, seen: Sequence[Seen], values: dict[str, np.ndarray], as
         known = one.unit is not None and units.known(one.unit)
         if known and units.quantity(str(one.unit)) != QUANTITY[channel]:
             continue
-        guess = _with_unit(channel, one, known, float(np.quantile(np.abs(values[one.name]), 0.999)))
+        guess = _with_unit(channel, one, known, ends, float(np.quantile(np.abs(values[one.name]), 0.999)))
         late = ("what was asked for, no measurement: take a measured one if there is",) if one.name in asked else ()
         return replace(guess, why=(*guess.why, *late))
     return None
 
 
-def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
-    """The guess with the unit that its size asks for where the log says none."""
+def _with_unit(channel: str, one: Seen, known: bool, ends: str | None, size: float) -> Guess:
+    """The guess with the unit that its name ends with, or that its size asks for, where the log says none."""
     why = [f"by its name, from {one.low:.3g} to {one.high:.3g} {one.unit or ''}".rstrip()]
     unit = None
     if not known:
@@ -268,7 +271,13 @@ def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
             "v_y": "km/h" if size > 60 else "m/s",
             "a_y": "g" if size < 3 else "m/s2",
         }[channel]
-        why.append(f"the log says no unit; a size of {size:.3g} looks like {unit}")
+        like = f"a size of {size:.3g} looks like {unit}"
+        if not ends:
+            why.append(f"the log says no unit; {like}")
+        else:
+            large = units.to_si(size, ends) > units.to_si(size, unit)  # as that unit has it
+            why.append(f"its name says {ends}" + (f", though {like}: check it" if large else ""))
+            unit = ends
     ratio = 1.0
     angle = float(units.to_si(size, unit or str(one.unit)))
     if channel == "delta" and angle > _HAND_WHEEL:

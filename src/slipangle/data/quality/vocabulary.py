@@ -42,6 +42,7 @@ WORDS = {
             "vehv",
             *("velocityx", "linearx", "speed", "velocity"),
             "geschwindigkeit",
+            "v",
         ),
         (
             "wheel",

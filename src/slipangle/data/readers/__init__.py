@@ -19,7 +19,7 @@ __all__ += ["open_log", "read", "read_csv", "reader", "write_csv"]
 _HEAD = 4096  # bytes from a file's beginning by which its format is known
 
 READERS.register("text table")(Reader(read=read_csv, open=open_csv, suffixes=(".csv", ".txt", ".dat", ".tsv")))
-for _format in ("arrow", "matlab", "mdf", "motec_ld", "ros", "positions"):  # each registers itself
+for _format in ("arrow", "matlab", "mdf", "motec_ld", "ros", "positions", "vbo"):  # each registers itself
     import_module(f"slipangle.data.readers.{_format}")
 
 

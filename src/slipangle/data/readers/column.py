@@ -25,7 +25,7 @@ class Column(Brief):
     source : str or int
         Name in the file's header, with or without its unit, or position from 0.
     unit : str, optional
-        Unit of the file's numbers; by default the one in the header.
+        Unit of the file's numbers; by default the one in the header, or that the name there ends with (speed_kmh).
     factor : float
         The converted numbers are multiplied by this: 1/13.4 makes a road wheel of a steering wheel.
     override : bool
@@ -63,6 +63,13 @@ class Column(Brief):
             value = getattr(self, name)
             if not np.isfinite(value) or (value == 0 and name != "offset"):
                 raise ParameterError(f"the {name} of a column is {value!r}; expected a finite number other than zero")
+
+    def ending(self, heading: str, what: str) -> str | None:
+        """The unit of the quantity ``what`` that a heading ends with, as in speed_kmh; none of numbers that are scaled.
+
+        Whoever scales them without a unit makes SI units of them.
+        """
+        return units.ending(heading, what)[1] if self.scale == self.factor == 1.0 else None
 
     def converted(self, numbers: np.ndarray, unit: str, expected: str | None, what: str) -> np.ndarray:
         """The file's numbers in SI units; ``unit`` is what they are in, ``expected`` of which quantity, for messages.

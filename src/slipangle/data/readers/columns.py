@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal, TypedDict
 
@@ -10,13 +11,14 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
-from slipangle.data.clock import JITTER, find_grid, lost, past_midnight
+from slipangle.data.clock import JITTER, find_grid, lost
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.headings import continued, wrap_note
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.derived import derive, keep
-from slipangle.data.readers.tables import DATE, ArrayTable, ChannelTable, Header, find_column, prefetch
+from slipangle.data.readers.stamps import STEPS, TIME_NAMES, time_of
+from slipangle.data.readers.tables import ArrayTable, ChannelTable, Header, find_column, prefetch
 from slipangle.errors import (
     FormatError,
     MissingColumnError,
@@ -24,24 +26,17 @@ from slipangle.errors import (
     ParameterError,
     SampleTimeError,
     SlipangleError,
-    TimeError,
     TooShortError,
     UnitError,
     nearest,
+    shown,
 )
 
 __all__ = ["ArrayTable", "ChannelTable", "Column", "Header", "LogSettings", "as_columns", "assemble", "check_dt"]
 
-_TIME_NAMES = ("t", "time", "timestamp", "timestamps", "zeit", "tempo", "tiempo", "temps", "stamp")
-_STEPS = ("interval", "utc", "elapsed")  # these only with a unit of time: others call a step or a place so
-_EPOCH = 1e7  # larger first stamps count from the log's start [s]
-_SLOW, _SLOW_DRIVE = 2.0, 1.0  # steps from here on are said, where no unit is named, of any log and of a drive [s]
-_TOO_SLOW, _HOURS = 5.0, 1e4  # and refused in a log of a drive, if they are whole numbers, and in any log [s]
-_DAYS = ((5e5, 1e6), (2.5e4, 7.5e4))  # between which stamps count days: since the year 0, or since 1900
-_DAY_STEP = 1e-4  # and rise by less
-_TOO_FAST = 1e-5  # steps below are no seconds in a log of a drive [s]
 _USUAL = {"rad": "deg", "rad/s": "deg/s", "m/s": "km/h", "m/s2": "g"}  # what is logged in place of SI units
 _CHUNK = 1 << 16  # rows that are moved at once
+Told = defaultdict[str, list[str]]  # notes on units, and the channels they are of
 
 
 class LogSettings(TypedDict, total=False):
@@ -59,8 +54,11 @@ class LogSettings(TypedDict, total=False):
     name: str | None
 
 
-def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) -> tuple[np.ndarray, str]:
-    """Numbers of one column in SI, and their unit; names without any unit are added to ``assumed``."""
+def _column(table: ChannelTable, name: str, column: Column, told: Told) -> tuple[np.ndarray, str]:
+    """Numbers of one column in SI, and their unit; where nobody names one that is known, ``told`` gets what is taken.
+
+    Raises UnitError if the unit of a standard channel is not known, or settings and heading name two.
+    """
     i = find_column(table, column.source, name)
     header, standard = table.headers[i], STANDARD.get(name)
     what = f"column '{header.name}' of {table.name} (channel '{name}')"
@@ -76,11 +74,22 @@ def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) 
             f"{what} is in {header.unit!r} by its header and in {column.unit!r} by the settings; expected one unit: "
             "correct the wrong one, or set override (True, in a job true) if it is the header"
         )
+    if unit is None and standard:
+        unit = column.ending(header.name, units.quantity(standard.unit))
+        told["units that headings end with: {}"] += [f"{name} in {unit} ('{header.name}')"] if unit else []
     guessed = unit is None
     if unit is None:
         unit = standard.unit if standard else "-"
-        assumed.append(name)
+        told["no unit named for {}: taken as SI"].append(name)
     numbers = table.numbers(i)
+    if not units.known(unit) and standard is None and column.unit is None:
+        told["units that are not known, numbers as they are: {}"].append(f"{name} in {shown(unit)}")
+        return column.converted(numbers, "-", None, what), unit
+    if not units.known(unit):
+        raise UnitError(
+            f"{what} is in {shown(unit)}, which is no unit that is known; {nearest(unit, units.names())}: correct it, "
+            f"or convert, such as Column('{header.name}', '{standard.unit if standard else '-'}', scale=0.001)"
+        )
     values = column.converted(numbers, unit, standard.unit if standard else None, what)
     largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     if guessed and standard and largest > standard.largest:
@@ -111,91 +120,6 @@ def as_columns(
     if isinstance(columns, str):
         columns = (columns,)
     return {n: Column(n) for n in columns}
-
-
-def time_of(
-    table: ChannelTable, time: Column | str | None, dt: float | None, names: Iterable[str], epoch: bool, said: list[str]
-) -> tuple[np.ndarray | None, int | None]:
-    """Time stamps [s] of channels of these names, and the position of their column; ``said`` gets what is assumed.
-
-    ``epoch`` keeps stamps that count from 1970. Raises TimeError, UnitError or MissingColumnError as `assemble`.
-    """
-    column = Column(time) if isinstance(time, str) else time
-    if column is None:
-        matches = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
-        matches = matches or [i for i, h in enumerate(table.headers) if h.name.lower() in _STEPS and _counts_time(h)]
-        dates = [i for i, h in enumerate(table.headers) if h.unit == DATE]
-        matches = matches or (dates if len(dates) == 1 else [])
-        if not matches and dt is None:
-            known = ", ".join(repr(h.name) for h in table.headers[:12])
-            raise TimeError(
-                f"{table.name} has no time column that is known by its name and no sample time is given (columns: "
-                f"{known}); expected a column such as 't' or 'time': name it with time=, or give dt="
-            )
-        if not matches:
-            return None, None
-        column = Column(matches[0])
-    i = find_column(table, column.source, "t")
-    header = table.headers[i]
-    what = f"the time column '{header.name}' of {table.name}"
-    unit = "s" if (dated := header.unit == DATE) else column.unit or header.unit or "s"
-    t = column.converted(table.numbers(i), unit, "s", what)
-    if not (column.unit or header.unit or dt):
-        said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
-    t = past_midnight(t, said) if dated else t
-    if not epoch and len(t) and _EPOCH < t[0] < np.inf:
-        said.append(f"time counts from {t[0]:.9g} s, the first stamp")
-        t = t - t[0]
-    return t, i
-
-
-def in_days(t: np.ndarray, step: float) -> bool:
-    """Whether stamps are dates in days, as MATLAB's datenum or a spreadsheet counts; ``step`` from row to row.
-
-    >>> in_days(np.array([738000.5]), 1e-7), in_days(np.array([45385.25]), 2e-7), in_days(np.array([738.0]), 1e-3)
-    (True, True, False)
-    """
-    return len(t) > 0 and any(low < t[0] < high for low, high in _DAYS) and 0 < step < _DAY_STEP
-
-
-def _counts_time(header: Header) -> bool:
-    unit = header.unit or ""
-    return unit == DATE or (units.known(unit) and units.quantity(unit) == "time")
-
-
-def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool) -> list[str]:
-    """A note on slow stamps without a unit.
-
-    Raises TimeError if they cannot be seconds: hours from sample to sample, or, in a log of a drive (``driven``), whole
-    numbers that are too slow and stamps that are too fast.
-    """
-    steps = np.diff(t[np.isfinite(t)])
-    step = float(np.median(steps)) if len(steps) else 0.0
-    if in_days(t, step):
-        raise TimeError(
-            f"{what} names no unit, begins at {t[0]:.9g} and rises by {step:.3g} from row to row; expected seconds, "
-            f"and these look like days: name the unit, in the header as '{header.name} [d]' or as "
-            f"time=Column('{header.name}', 'd')"
-        )
-    if driven and 0 < step < _TOO_FAST:
-        raise TimeError(
-            f"{what} names no unit and rises by {step:.3g} from row to row; expected seconds, which these cannot be: "
-            f"name the unit, days in the header as '{header.name} [d]' or as time=Column('{header.name}', 'd'), or "
-            "write hours and minutes as seconds"
-        )
-    if not step >= (_SLOW_DRIVE if driven else _SLOW):
-        return []
-    whole = bool(np.all(steps == np.round(steps)))
-    finer = next((u for u, most in (("ms", 1e4), ("us", 1e7)) if step < most), "ns")
-    if step >= _HOURS or (driven and whole and step >= _TOO_SLOW):
-        raise TimeError(
-            f"{what} names no unit and rises by {step:.6g} from row to row; expected seconds, which these cannot be: "
-            f"name the unit, in the header as '{header.name} [{finer}]' or as time=Column('{header.name}', '{finer}')"
-        )
-    return [
-        f"{what} names no unit: its steps of {step:.6g} are taken as seconds; if they are not, name the unit as "
-        f"time=Column('{header.name}', '{finer}')"
-    ]
 
 
 def _cut_missing(
@@ -240,7 +164,7 @@ def _needed(
     texts = [*(c.derive for c in chosen if c.derive), *([condition] if condition else [])]
     named = [n for text in texts for n in Expression(text).names]
     sources = [*(c.source for c in chosen if not c.derive), *named, *([experiment] if experiment is not None else [])]
-    clocks = [] if time is not None else [h.name for h in table.headers if h.name.lower() in (*_TIME_NAMES, *_STEPS)]
+    clocks = [] if time is not None else [h.name for h in table.headers if h.name.lower() in (*TIME_NAMES, *STEPS)]
     found = set()
     for source in (*sources, *clocks):
         try:
@@ -339,7 +263,7 @@ def assemble(
     if nan not in ("error", "gap"):
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
     said: list[str] = list(notes)
-    assumed: list[str] = []
+    told: Told = defaultdict(list)
     names = columns if columns is not None else [h.name for h in table.headers]
     prefetch(table, _needed(table, columns, time, experiment, filter))
     t, time_column = time_of(table, time, dt, names, epoch, said)
@@ -347,11 +271,11 @@ def assemble(
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
     if not chosen:
         raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
-    picked = {n: _column(table, n, c, assumed) for n, c in chosen.items() if not c.derive}
+    picked = {n: _column(table, n, c, told) for n, c in chosen.items() if not c.derive}
     picked = derive(table, chosen, picked, t)
     _require_picked(table, inputs, outputs, picked)
-    if assumed:
-        said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
+    notes_on_units = [note.format(", ".join(found)) for note, found in told.items() if found]
+    said += [note for note in notes_on_units if note not in said]  # a file that was written has them
     stamps = t if t is not None else (dt or 1.0) * np.arange(len(next(iter(picked.values()))[0]))
     kept, note = keep(table, filter, picked, stamps) if filter else (None, "")
     channels = tuple(Channel(n, unit) for n, (_, unit) in picked.items())

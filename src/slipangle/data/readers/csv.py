@@ -1,6 +1,7 @@
 """Text tables (CSV, TSV, blank-separated) to `Dataset` and back."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Unpack
@@ -13,6 +14,7 @@ from slipangle.data.readers.column import Column
 from slipangle.data.readers.columns import LogSettings, check_dt
 from slipangle.data.readers.recording import Recording, build
 from slipangle.data.readers.text_table import OURS, read_table
+from slipangle.errors import UnitError, shown
 from slipangle.files import write_atomic
 
 
@@ -113,7 +115,7 @@ def write_csv(data: Dataset, path: str | Path) -> Path:
         "notes": data.notes,
         "experiment": "experiment" if len(data.starts) > 1 else None,
     }
-    headings = ["t [s]"] + [f"{c.name} [{units.canonical(c.unit)}]" for c in data.channels]
+    headings = ["t [s]"] + [f"{c.name} [{_writable(c.unit)}]" for c in data.channels]
     columns = [data.t, *data.values.T]
     if len(data.starts) > 1:
         headings.insert(1, "experiment [-]")
@@ -121,3 +123,12 @@ def write_csv(data: Dataset, path: str | Path) -> Path:
     quoted = [f'"{h}"' if "," in h else h for h in headings]
     rows = [",".join(f"{v:.17g}" for v in row) for row in zip(*(c.tolist() for c in columns), strict=True)]
     return write_atomic(path, "\n".join([OURS + json.dumps(meta), ",".join(quoted), *rows]) + "\n")
+
+
+def _writable(unit: str) -> str:
+    """A unit as it can be read back, one that is not known among them; raises UnitError if its letters cannot be."""
+    if units.known(unit):
+        return units.canonical(unit)
+    if unit != unit.strip() or re.search(r'["\[\]\n\r]', unit):
+        raise UnitError(f"the unit {shown(unit)} cannot stand in a heading; expected no brackets, quotes or line ends")
+    return unit

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, real_row, without_mask
 from slipangle.data.readers.recording import Recording, build
 from slipangle.data.readers.tables import DATE, Header, LazyTable
 from slipangle.data.readers.text_dialect import parse_heading
@@ -20,8 +20,8 @@ def from_frame(frame: Any, columns: Any = None, *, name: str = "frame", **settin
     Units stand in the columns' names (``speed [km/h]``), in a `Column`, or in the ``attrs`` of xarray; instants are
     time. What `Dataset.to_pandas` or `Dataset.to_xarray` gave comes back equal.
 
-    Raises FormatError if it is no frame, MissingColumnError if it has no columns of numbers, and what `slipangle.read`
-    raises.
+    Raises FormatError if it is no frame, MissingColumnError if it has no columns of numbers, ParameterError if one has
+    complex numbers or several in a row, and what `slipangle.read` raises.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def from_frame(frame: Any, columns: Any = None, *, name: str = "frame", **settin
     units = dict(meta.get("units", {}))
     found: list[tuple[Header, np.ndarray]] = []
     for heading, values, unit in _columns(frame):
-        numbers, kind = _numbers(values)
+        numbers, kind = _numbers(heading, values)
         if numbers is None:
             continue
         parsed = parse_heading(heading) if heading.strip() else Header(text=heading, name=heading)
@@ -55,7 +55,7 @@ def from_frame(frame: Any, columns: Any = None, *, name: str = "frame", **settin
 def _columns(frame: Any) -> Iterator[tuple[str, Any, str | None]]:
     """Name, content and unit of each column, a named or temporal index among them."""
     if isinstance(frame, Mapping) and not hasattr(frame, "data_vars"):
-        yield from ((str(n), np.asarray(x), None) for n, x in frame.items())
+        yield from ((str(n), np.asarray(without_mask(x)), None) for n, x in frame.items())
     elif hasattr(frame, "data_vars"):  # xarray
         for n, x in (*frame.coords.items(), *frame.data_vars.items()):
             if x.ndim == 1:
@@ -80,16 +80,16 @@ def _columns(frame: Any) -> Iterator[tuple[str, Any, str | None]]:
         )
 
 
-def _numbers(values: Any) -> tuple[np.ndarray | None, str | None]:
+def _numbers(heading: str, values: Any) -> tuple[np.ndarray | None, str | None]:
     """Floats, and what they count where that is time; nothing for words."""
     array = np.asarray(values)
     if array.dtype.kind in "mM":
         since = array.astype("M8[ns]" if array.dtype.kind == "M" else "m8[ns]")
         ticks = since.astype("int64").astype(float) / 1e9
         return np.where(np.isnat(array), np.nan, ticks), DATE if array.dtype.kind == "M" else "s"
-    if array.dtype.kind in "biuf":
-        return array.astype(float), None
-    try:
-        return array.astype(float), None  # numbers among missing ones come as objects
-    except (TypeError, ValueError):
-        return None, None
+    if array.dtype.kind not in "biufc":
+        try:
+            array = array.astype(float)  # numbers among missing ones come as objects
+        except (TypeError, ValueError):
+            return None, None
+    return real_row(heading, array), None

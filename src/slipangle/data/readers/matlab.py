@@ -11,6 +11,7 @@ References
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -160,7 +161,8 @@ def _table(vectors: list[Vector], clock: str, topic: str, path: Path, units: Map
     for v in vectors:
         name = v.way.removeprefix(f"{topic}.")
         name = "t" if v.way == clock else name
-        found = parse_heading(name)
+        column = re.search(r"\(\d+\)$", name)  # of a matrix: M(1) is in no unit 1
+        found = Header(text=name, name=name) if column else parse_heading(name)
         headers.append(Header(text=name, name=found.name, unit=units.get(name, v.unit or found.unit)))
     return LazyTable(name=f"'{path.name}'", headers=tuple(headers), load=lambda i: vectors[i].load())
 
@@ -266,10 +268,21 @@ def _in_node(node: Any, way: str, path: Path, depth: int, named: Named) -> Itera
     address = node.name
     if len(shape) == 1 or min(shape) == 1:
         if node.size >= _FEWEST:
-            yield Vector(way, int(node.size), lambda: _loaded(path, address, None))
+            yield Vector(way, int(node.size), lambda: _loaded(path, address, None), _unit_of(node))
     elif "MATLAB_class" in node.attrs and shape[0] <= _WIDEST and shape[1] > shape[0]:  # stored row by row
         for k in range(shape[0]):
-            yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k))
+            yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k), _unit_of(node))
+
+
+def _unit_of(node: Any) -> str | None:
+    """The unit that a dataset names in its attributes, as NetCDF and NeXus files do; of time, without its origin."""
+    for name in node.attrs:
+        if name.lower() in _UNIT:
+            text = next(iter(np.ravel(node.attrs[name])), None)
+            text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+            if isinstance(text, str) and text.strip():
+                return text.partition(" since ")[0].strip()
+    return None
 
 
 def _in_group(node: Any, way: str, path: Path, depth: int, named: Named) -> Iterator[Vector]:

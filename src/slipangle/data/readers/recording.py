@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.data.clock import even_clock
 from slipangle.data.dataset import Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.headings import TURN, is_heading, unwrapped, wrap_note, wraps
 from slipangle.data.readers.column import Column
-from slipangle.data.readers.columns import assemble, time_of
+from slipangle.data.readers.columns import assemble
+from slipangle.data.readers.stamps import time_of
 from slipangle.data.readers.tables import ArrayTable, ChannelTable, Header
 from slipangle.errors import (
     MissingColumnError,
@@ -26,6 +28,7 @@ from slipangle.errors import (
 from slipangle.shown import Shown
 
 _GAP = 2.5  # own sample times without a sample end a stretch
+_SHORT = 0.5  # s that may be left out at an end without a word
 _MOST = 100_000_000  # samples of a merged channel
 
 
@@ -273,24 +276,38 @@ def _merged(
             f"{shown(series[first[1]].name)} begins at {first[0]:.9g} s; expected channels of one drive on one clock: "
             "check the time columns and their units"
         )
-    step = 1 / float(f"{1 / step:.3g}")
+    fastest = next(s for s in series.values() if s.dt <= 1.001 * step)
+    begin, step = even_clock(fastest.t, first[0], step)
     if (last[0] - first[0]) / step * len(series) > _MOST:
         raise TooShortError(
             f"'{recording.name}' spans {last[0] - first[0]:.3g} s at {1 / step:.3g} Hz, more than {_MOST:.0e} numbers; "
             "expected a drive: check the unit of its time, or choose fewer channels"
         )
-    origin = first[0] if abs(first[0]) > 1e7 else 0.0  # seconds since 1970, or of a long uptime
-    grid = first[0] + step * np.arange(int((last[0] - first[0]) / step + 1e-6) + 1)
+    origin = begin if abs(begin) > 1e7 else 0.0  # seconds since 1970, or of a long uptime
+    grid = begin + step * np.arange(int((last[0] - begin) / step + 1e-6) + 1)
     values = np.column_stack([grid - origin, *(_onto(grid, s) for s in series.values())])
     slow = [f"{k} at {1 / s.dt:.3g}" for k, s in series.items() if s.dt > 1.05 * step]
     if slow:
         said.append(f"merged by time at {1 / step:.4g} Hz, linearly in between: {', '.join(slow[:8])} Hz")
+    said += _shortened(series, origin)
     if origin:
         said.append(f"time counts from {origin:.9g} s, the first stamp")
     headers = (Header(text="t", name="t", unit="s"), *(Header(text=k, name=k, unit=s.unit) for k, s in series.items()))
     at = {place: i + 1 for i, place in enumerate(named.values())}
     table = ArrayTable(name=f"'{recording.name}'", headers=headers, values=values)
     return table, {n: at[place] for n, place in places.items()}, said
+
+
+def _shortened(series: Mapping[str, Signal], origin: float) -> list[str]:
+    """Notes where the channel that begins last, or ends first, leaves out a part of another."""
+    said = []
+    for place, sign, to, verb in ((0, -1, "from", "begins"), (-1, 1, "up to", "ends")):
+        edge = {name: sign * float(s.t[place]) for name, s in series.items()}
+        own, other = min(edge, key=edge.__getitem__), max(edge, key=edge.__getitem__)
+        if edge[other] - edge[own] > max(_SHORT, _GAP * series[own].dt):
+            at, there = (sign * edge[n] - origin for n in (own, other))
+            said.append(f"merged {to} {at:.6g} s, where {own} {verb}: {other} {verb} at {there:.6g} s")
+    return said
 
 
 def _filled(recording: Recording, named: Mapping[str, tuple[str, int]], clocks: Mapping[str, np.ndarray]) -> list[str]:

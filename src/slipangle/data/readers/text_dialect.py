@@ -120,9 +120,9 @@ def parse_heading(text: str) -> Header:
 def _headings(cells: list[str], unit_row: list[str] | None) -> tuple[Header, ...]:
     headers = [parse_heading(c) for c in cells]
     if unit_row is not None:
-        cleaned = [u.strip().strip("[]()") for u in unit_row]
+        cleaned = [_bare(u) for u in unit_row]
         headers = [
-            h if h.unit is not None or not u else Header(text=h.text, name=h.name, unit=u)
+            h if h.unit is not None or u in ("", "1") else Header(text=h.text, name=h.name, unit=u)
             for h, u in zip(headers, cleaned, strict=True)
         ]
     return tuple(headers)
@@ -148,12 +148,23 @@ def find_headings(
 
 
 def _are_units(cells: list[str]) -> bool:
-    """Whether a line under the headings holds units: no numbers, and most of what stands there is known."""
-    cleaned = [c.strip().strip("[]()") for c in cells]
-    if not cells or any(is_value(c) and c for c in cleaned):
+    """Whether a line under the headings holds units: no numbers, and most of what stands there is known.
+
+    A number without a unit has a bar there, or none, or 1, of which there are fewer than of units.
+    """
+    said = [c for c in map(_bare, cells) if c]
+    named = [c for c in said if c != "1"]
+    if not said:
+        return bool(cells) and not any(c.strip() for c in cells)
+    if any(map(is_value, named)) or 2 * len(named) <= len(said):
         return False
-    said = [c for c in cleaned if c]
-    return 2 * sum(map(units.known, said)) >= len(said)
+    return 2 * sum(map(units.known, named)) >= len(named)
+
+
+def _bare(cell: str) -> str:
+    """A cell of a line of units without brackets; empty where it says that there is none."""
+    text = cell.strip().strip("[]()")
+    return "" if text.lower() in MISSING else text
 
 
 def _lines_above(rows: list[list[str]], comma: bool) -> int:

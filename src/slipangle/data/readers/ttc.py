@@ -41,16 +41,11 @@ _CHANNELS: dict[str, tuple[str, str]] = {
 _NEEDED = ("SA", "FX", "FY", "FZ")
 _SPELLINGS = {"lb": "lbf", "lbs": "lbf", "kph": "km/h", "kmh": "km/h", "ft-lb": "ft lbf", "ft-lbs": "ft lbf"}
 _SPELLINGS |= {"n-m": "N m", "n*m": "N m", "none": "-", "unitless": "-", "[-]": "-", "lb-ft": "ft lbf"}
-_SPELLINGS |= {
-    "psig": "psi",
-    "kpag": "kPa",
-    "barg": "bar",
-    "kpa(g)": "kPa",
-    "psi(g)": "psi",
-}
+_SPELLINGS |= {"psig": "psi", "kpag": "kPa", "barg": "bar", "kpa(g)": "kPa", "psi(g)": "psi"}
 _SPELLINGS |= {"sec": "s", "seconds": "s", "deg c": "degC", "deg f": "degF", "c": "degC", "f": "degF", "inch": "in"}
 _SAE = "sae"  # in place of the unit of a slip: the sign system's name
 _LARGEST = 1e8  # of any signal of a rig, in SI units
+_HELD, _HELD_FORCE = math.radians(1.0), 0.1  # slip angle, and side force over load, that tell signs where both are held
 _UNLOADED = 0.1  # samples below this share of the median load are not a test
 
 
@@ -60,13 +55,16 @@ class SignSystem:
 
     ``z_down``: the load is negative, so z points down and y to the right. ``slip_opposes``: a positive slip angle gives
     F_y below zero. ``slip_ratio_turned``: a positive slip ratio brakes. ``moment_turned``: the aligning moment does not
-    align in right-handed axes, so M_z points the other way.
+    align in right-handed axes, so M_z points the other way. Where the data do not tell, as at one slip angle of zero,
+    ``slip_told`` or ``moment_told`` is False and that of SAE is taken.
     """
 
     z_down: bool
     slip_opposes: bool
     slip_ratio_turned: bool = False
     moment_turned: bool = False
+    slip_told: bool = True
+    moment_told: bool = True
 
     @property
     def name(self) -> str:
@@ -173,8 +171,9 @@ def from_channels(
 def detect_signs(si: Mapping[str, np.ndarray], *, slip_ratio: str, name: str) -> SignSystem:
     """Read the sign system off the data.
 
-    The load's sign tells where z points; the correlation of SA and FY tells the slip angle, that of slip ratio and
-    FX the slip ratio, that of MZ and FY at small slip angles the moment, which aligns in right-handed axes.
+    The load's sign tells where z points; the correlation of SA and FY tells the slip angle, or their signs where one is
+    held, that of slip ratio and FX the slip ratio, that of MZ and FY at small slip angles the moment, which aligns in
+    right-handed axes.
 
     Raises ExcitationError if no slip moves, or slip angle and side force do not go together.
     """
@@ -186,26 +185,37 @@ def detect_signs(si: Mapping[str, np.ndarray], *, slip_ratio: str, name: str) ->
             f"in '{name}' neither slip angle nor slip ratio moves; expected a sweep: choose a cornering or "
             "drive/brake run"
         )
-    opposes = True  # SAE and ISO-W agree on this
+    friction = si["FY"] / np.abs(si["FZ"])
+    link, told = 0.0, True
     if np.ptp(angle) > math.radians(0.5):
-        weight = np.abs(si["FZ"])
-        link = _correlation(angle, si["FY"] / weight, ratio, limit=0.02 if driving else math.inf)
-        if abs(link) > 0.3:
-            opposes = link < 0
-        elif cornering:
+        link = _correlation(angle, friction, ratio, limit=0.02 if driving else math.inf)
+    if abs(link) <= 0.3:
+        if cornering:
             raise errors.ExcitationError(
                 f"slip angle and side force of '{name}' hardly go together (correlation {link:.2f}); expected at least "
                 "0.3 either way: check that SA and FY belong together"
             )
+        link = _held(angle, friction, ratio)
+        told = link != 0.0
+    opposes = link <= 0  # SAE and ISO-W agree on this
     turned = False
     if driving:
         turned = float(np.corrcoef(ratio, si["FX"] / np.abs(si["FZ"]))[0, 1]) < 0
-    moment = False
+    moment, aligned = False, False
     if "MZ" in si and cornering:
         small = (np.abs(angle) < math.radians(3.0)) & (np.abs(ratio) < 0.02)
         if small.sum() > 20 and np.std(si["MZ"][small]) > 0:
+            aligned = True
             moment = float(np.corrcoef(si["MZ"][small], si["FY"][small])[0, 1]) > 0.3
-    return SignSystem(bool(np.median(si["FZ"]) < 0), bool(opposes), turned, moment)
+    return SignSystem(bool(np.median(si["FZ"]) < 0), bool(opposes), turned, moment, told, aligned)
+
+
+def _held(angle: np.ndarray, friction: np.ndarray, ratio: np.ndarray) -> float:
+    """Sign of slip angle times side force of a run that holds one angle; 0 where that is too small to tell."""
+    near = np.abs(ratio) < 0.02
+    near = near if near.sum() >= 20 else np.ones_like(near)
+    held, force = float(np.median(angle[near])), float(np.median(friction[near]))
+    return float(np.sign(held * force)) if abs(held) > _HELD and abs(force) > _HELD_FORCE else 0.0
 
 
 def _correlation(angle: np.ndarray, friction: np.ndarray, ratio: np.ndarray, *, limit: float) -> float:
@@ -216,12 +226,15 @@ def _correlation(angle: np.ndarray, friction: np.ndarray, ratio: np.ndarray, *, 
 
 
 def _sentence(si: Mapping[str, np.ndarray], system: SignSystem) -> str:
+    slip = f"SA > 0 gives FY {'< 0' if system.slip_opposes else '> 0'}"
     parts = [
         f"FZ is {'negative' if system.z_down else 'positive'}",
-        f"SA > 0 gives FY {'< 0' if system.slip_opposes else '> 0'}",
+        slip if system.slip_told else f"that {slip} is taken, at this slip angle the data do not tell",
     ]
     if system.slip_ratio_turned:
         parts.append("a positive slip ratio brakes")
+    if "MZ" in si and not system.moment_told:
+        parts.append("that MZ aligns in right-handed axes is taken")
     if "MZ" in si and system.moment_turned:
         parts.append("MZ points against right-handed axes")
     return f" ({', '.join(parts)})"

@@ -167,7 +167,7 @@ def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
         for verb, value, low, high in shares
         if high - low < _TELLING
     ]
-    if found:
+    if found and low > 0:  # where no load need shift, they stand in for something else
         said.append(f"{' and '.join(found)} acts on the rear wheels, as the grip that it takes tells")
     return said
 

@@ -1,4 +1,4 @@
-"""Whether v_y or v_x is logged later than the yaw rate, or earlier, as the motion of the car tells."""
+"""Whether v_y, a_y or v_x is logged later than the yaw rate, or earlier, as the motion of the car tells."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make 
 
 
 def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
-    """Structures as good as a final fit, one with v_y or v_x as late as the motion says among them, and sentences.
+    """Structures as good as a final fit, one with v_y, a_y or v_x as late as the motion says among them, and sentences.
 
     Where one is late, by more than chance and by more than is worth a parameter, a speed of another scale, which
     explains a part of that, is none of the structures.
     """
     said = []
-    for name in ("v_y", "v_x"):
+    for name in ("v_y", "a_y", "v_x"):
         found = late(final, data, name)
         if found is None:
             continue

@@ -251,15 +251,26 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: 
                 f"{used:.2g}; expected at least as much friction: check v_x and r, and do not drive near the "
                 "limit by this model"
             )
+    return [*said, *_unexplained(final)]
+
+
+def _unexplained(final: Fitted) -> list[str]:
+    """Outputs that have nothing to do with steering and speed: all of them, or some, which then spoil the others."""
     told = 1 - (final.sigma / np.maximum(np.std(final.problem.data.y, axis=0), 1e-300)) ** 2
-    if (told < _DEAF).all():
-        outputs = " and ".join(final.model.outputs)
-        said.append(
-            f"steering and speed explain {100 * max(told.max(), 0.0):.0f} % of {outputs}, on the log of the fit "
-            "itself; expected most of it: check that the columns are the right ones, of one drive and one clock, and "
-            "that the car is steered"
-        )
-    return said
+    shares = [f"{100 * max(share, 0.0):.0f} % of {n}" for n, share in zip(final.model.outputs, told, strict=True)]
+    lost, heard = (
+        [s for s, share in zip(shares, told, strict=True) if (share < _DEAF) == deaf] for deaf in (True, False)
+    )
+    if not lost:
+        return []
+    said = f"steering and speed explain {' and '.join(lost)}"
+    if heard:
+        return [
+            f"{said}, but {' and '.join(heard)}, on the log of the fit itself; expected most of each: check that its "
+            "column is the right one, with its sign, of this drive and clock, and more than noise"
+        ]
+    asked = "check that the columns are the right ones, of one drive and one clock, and that the car is steered"
+    return [f"{said}, on the log of the fit itself; expected most of it: {asked}"]
 
 
 def friction_reached(final: Fitted) -> float:

@@ -19,6 +19,7 @@ from slipangle.models.model import FitInfo, Model, Trajectory
 from slipangle.models.provenance import Overlap, fingerprint, overlap
 from slipangle.shown import Shown
 
+_BLIND = 0.5  # correlations that a test which lets as much pass for chance does not see
 _UNNAMED = Dataset.name  # what data are called that nobody named
 
 
@@ -230,6 +231,9 @@ def residual_tests(
     that: the variance of a correlation over ``n`` samples then is up to ``1 + n / trained`` times that of noise alone,
     for inputs of like spectra. With None, parameters are taken as exact.
 
+    An error and an input that move at the same few frequencies correlate by chance almost fully; where the band is
+    wider than 0.5, the sentence says that nothing was tested.
+
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 16.6.
     """
     i = one.outputs.index(output)
@@ -286,9 +290,9 @@ def _residual_sentences(
     for name, values, width in zip(data.inputs, cross, cross_band, strict=True):
         half = len(values) // 2
         past = np.abs(values[half:])  # residual after the input
+        lag, (count, trained) = int(np.argmax(past)), samples
+        seen = f"(correlation {values[half + lag]:+.2f} at {lag * data.dt:.2f} s)"
         if past.max() > width:
-            lag, (count, trained) = int(np.argmax(past)), samples
-            seen = f"(correlation {values[half + lag]:+.2f} at {lag * data.dt:.2f} s)"
             if trained and past.max() <= width * np.sqrt(1 + count / trained):
                 said.append(
                     f"the free-run error depends on {name} {seen} by no more than estimates from {trained} samples may "
@@ -298,6 +302,11 @@ def _residual_sentences(
             said.append(
                 f"the free-run error still depends on {name} {seen}: dynamics are missing or an input delay is not "
                 "modelled"
+            )
+        elif width > _BLIND:
+            said.append(
+                f"whether the free-run error depends on {name} these data do not tell {seen}: in so short a record, or "
+                f"of an input of so few frequencies, up to {min(width, 1.0):.2f} is chance"
             )
         else:
             said.append(f"the free-run error does not depend on {name}")

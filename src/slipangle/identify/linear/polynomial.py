@@ -23,6 +23,7 @@ from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.linear.predictor import Point
+from slipangle.identify.stability import held
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread
 
@@ -78,6 +79,11 @@ class Polynomial(LinearEstimator[PolynomialModel]):
                 "with data.select(outputs=[...]), or use ARX or StateSpace"
             )
         layout = _Layout(self, data)
+        if any(layout.nf) and (self.max_radius or 0.0) > 1:
+            raise ParameterError(
+                f"max_radius is {self.max_radius:g}; expected at most 1 with an F, as the free-run error of an "
+                "unstable system says nothing: leave it out, or take ARX or ARMAX"
+            )
         require_identifiable(data, layout.count)
         u0 = np.array([data[n].mean() for n in data.inputs]) if self.offset else np.zeros(len(data.inputs))
         y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
@@ -99,7 +105,8 @@ class Polynomial(LinearEstimator[PolynomialModel]):
             method=f"one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; {said}",
             warnings=notes,
         )
-        return replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
+        model = replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
+        return held(model, 1.0 if any(layout.nf) and self.max_radius is None else self.max_radius)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,7 @@ class BetweenSamples(NamedTuple):
     to_lines: bool  # whether the other way is straight lines, in place of steps
     told: bool  # whether the outputs tell that it is the true one
     chance: float  # that it is, before the data say or their user did as likely as not
+    faster: bool = False  # whether the data were interpolated between their samples, so that these are the lines
 
 
 def between_samples(problem: FreeRunProblem, found: Minimum, known: np.ndarray) -> BetweenSamples | None:
@@ -32,15 +33,26 @@ def between_samples(problem: FreeRunProblem, found: Minimum, known: np.ndarray) 
     sample, as `Dataset.hold_mean` makes them for inputs that go on, the reverse. ``known`` is the scaled covariance of
     the parameters, shape (n_p, n_p): noise that widens it makes the outputs tell less, too.
     """
-    notes = problem.data.notes
+    notes, data = problem.data.notes, problem.data
     to_lines = MEANS not in notes
     if found.diverged or not np.isfinite(known).all() or (not to_lines and notes[-1] != MEANS):
         return None
-    other = problem.data.hold_mean() if to_lines else _before_means(problem.data)
+    others = [(data.hold_mean() if to_lines else _before_means(data), to_lines, False)]
+    others += [(_held(data), False, True)] if to_lines and data.dt_recorded > data.dt else []
+    tried = [(*_step(problem, found, known, other), *how) for other, *how in others]
+    shift, gain, to_lines, faster = max(tried, key=lambda one: one[1])
+    if not np.isfinite(gain):
+        return None
+    chance = 1.0 / (1.0 + np.exp(-0.5 * np.clip(gain, -200, 200))) if not {MEANS, HELD} & {*notes} else 0.0
+    return BetweenSamples(shift, to_lines, gain > _DECIDED, 1.0 if gain > _DECIDED else chance, faster)
+
+
+def _step(problem: FreeRunProblem, found: Minimum, known: np.ndarray, other: Dataset) -> tuple[np.ndarray, float]:
+    """How the parameters move with these inputs, shape (n_p,), and by how much less error, in noise variances."""
     rows = [problem.model.drive_rows(part) for part in other.experiments]
     error = np.concatenate(list(problem.errors(found.z, rows))).ravel()
     if not np.isfinite(error).all():
-        return None
+        return np.zeros(problem.n_p), -np.inf
     inverse, square = inverse_information(found.jacobian), float(found.error @ found.error)
     shift = -inverse @ (found.jacobian.T @ (error - found.error))  # a fit that stopped early moves by itself, too
     white = np.diag(inverse)[: problem.n_p] * square / len(error)
@@ -48,8 +60,18 @@ def between_samples(problem: FreeRunProblem, found: Minimum, known: np.ndarray) 
     colour = max(1.0, float(np.median(np.diag(known)[sure] / white[sure]))) if sure.any() else 1.0
     left = error + found.jacobian @ shift
     gain = (square - float(left @ left)) / max(colour * square / len(error), 1e-300)
-    chance = 1.0 / (1.0 + np.exp(-0.5 * np.clip(gain, -200, 200))) if not {MEANS, HELD} & {*notes} else 0.0
-    return BetweenSamples(shift[: problem.n_p], to_lines, gain > _DECIDED, 1.0 if gain > _DECIDED else chance)
+    return shift[: problem.n_p], gain
+
+
+def _held(data: Dataset) -> Dataset:
+    """Inputs that stay at each sample of the record until its next, where there are lines between them now."""
+    table, own = data.values.copy(), data.dt_recorded / data.dt
+    for a, b in zip(data.starts, data.stops, strict=True):
+        rows = np.arange(b - a)
+        samples = own * np.floor(rows / own + 1e-6)
+        for i in map(data.index, data.inputs):
+            table[a:b, i] = np.interp(samples, rows, data.values[a:b, i])
+    return replace(data, values=table)
 
 
 def _before_means(data: Dataset) -> Dataset:
@@ -85,6 +107,8 @@ def hold_said(moved: BetweenSamples, problem: FreeRunProblem, values: np.ndarray
     fix = (
         "their means over each sample: fit to data.hold_mean() (hold = 'mean' in a job)"
         if moved.to_lines
+        else "the rate of the log, which shows what was held: fit to the data before resample() (no rate in a job)"
+        if moved.faster
         else "inputs as they were held: fit to the data without hold_mean() (hold = 'sample' in a job)"
     )
     return [f"the outputs follow {way}: {each}; the intervals take in both; expected {fix}"]

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy import integrate, interpolate
 
 from slipangle.models.analysis.linearize import directions
 from slipangle.models.model import Model
@@ -18,6 +19,10 @@ from slipangle.optimal.lap.program import N_STATES, scales, worth
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import SPACING, Path
 from slipangle.shown import Shown
+
+_BEYOND = 16  # intervals of a closed lap past its ends, by which the line goes on over the start as anywhere
+_FINE = 4  # points of the line in one of the path's
+_YIELDS = 0.01  # of an interval's length cubed: what bends the line as much as the places are off
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,9 +100,13 @@ class Lap(Shown):
 
     @cached_property
     def path(self) -> Path:
-        """The driven line with its speeds, for a controller to follow."""
-        how: Any = {"closed": self.track.closed, "spacing": SPACING * min(float(self.car.size), 1.0)}
-        line = Path.from_points(self.X, self.Y, name=f"fastest lap of {self.track.name}", **how)
+        """The driven line with its speeds, for a controller to follow: its curvature is that of the drive.
+
+        Between the program's intervals, whose length is the accuracy of its places, it passes them by centimetres.
+        """
+        spacing = SPACING * min(float(self.car.size), 1.0)
+        how: Any = {"closed": self.track.closed, "spacing": spacing, "name": f"fastest lap of {self.track.name}"}
+        line = Path.from_points(*_line(self, spacing).T, **how)
         at = line.project_all(self.X, self.Y)[:, 0]
         order = np.argsort(at % line.length) if line.closed else np.argsort(at)
         place = (at % line.length if line.closed else at)[order]
@@ -184,6 +193,39 @@ def lap_of(
         track=track,
         **more,
     )
+
+
+def _line(lap: Lap, spacing: float) -> np.ndarray:
+    """Points of the driven line, shape (n, 2). [m]
+
+    The points inside the program's intervals are less exact than their ends, and a line through all of them bends to
+    and fro. That of the course and its rate along the way, both states of the drive, bends as the car does, but drifts;
+    a smoothing spline through what it is off at the ends takes that back.
+    """
+    slip, speed = np.arctan2(lap.v_y, lap.v_x), np.hypot(lap.v_x, lap.v_y)
+    bend = (lap.a_y * np.cos(slip) - lap.a_x * np.sin(slip)) / speed**2
+    pull = lap.a_x * np.cos(slip) + lap.a_y * np.sin(slip)
+    table = np.column_stack([lap.t, np.unwrap(lap.psi + slip), lap.X, lap.Y, bend, speed, pull])
+    if lap.track.closed:
+        table = table[1::2]
+        once = np.array([lap.time, 2 * np.pi * np.round((table[-1, 1] - table[0, 1]) / (2 * np.pi)), 0, 0, 0, 0, 0])
+        few = min(_BEYOND, len(table))
+        table = np.vstack([table[-few:] - once, table, table[:few] + once])
+    else:
+        few, table = 0, np.vstack([table[:1], table[1::2]])
+    t, course, X, Y, bend, speed, pull = table.T
+    way = interpolate.CubicHermiteSpline(t, speed, pull).antiderivative()(t)
+    first, last = way[few], way[len(way) - max(few, 1)]
+    step = (last - first) / max(round(_FINE * (last - first) / spacing), 2 * len(way))
+    at = first + step * np.arange(-np.ceil((first - way[0]) / step), np.ceil((way[-1] - first) / step) + 1)
+    toward = interpolate.CubicHermiteSpline(way, course, bend)(at)
+    places = np.array([X[0], Y[0]]) + integrate.cumulative_trapezoid(
+        np.column_stack([np.cos(toward), np.sin(toward)]), at, axis=0, initial=0.0
+    )
+    for k, given in enumerate((X, Y)):
+        drift = given - np.interp(way, at, places[:, k])
+        places[:, k] += interpolate.make_smoothing_spline(way, drift, lam=_YIELDS * np.mean(np.diff(way)) ** 3)(at)
+    return places[(at > first - 0.5 * step) & (at < last + (-0.5 if few else 0.5) * step)]
 
 
 def _sensitivities(lap: Lap) -> dict[str, float]:

@@ -602,3 +602,17 @@ def test_speed_reaches_the_forces():
     slow, fast = (tire.forces(0.0, 0.0, 4000.0, speed=v).M_y for v in (20.0, 40.0))
     assert fast / slow == pytest.approx(0.03 / 0.02)
     assert tire.forces_at(0.0, 0.0, 4000.0, camber=0.0, pressure=None, speed=40.0).M_y == fast
+
+
+@EVERY
+def test_a_road_without_friction_holds_nothing(tire):
+    on_ice = tire.evaluate(**samples(), axes="ISO-W", friction=0.0)
+    nearly = tire.evaluate(**samples(), axes="ISO-W", friction=1e-9)
+    for name in OUTPUTS:
+        assert np.isfinite(getattr(on_ice, name)).all()
+        np.testing.assert_allclose(getattr(on_ice, name), getattr(nearly, name), atol=1e-3)
+
+
+def test_a_nominal_load_of_nothing_is_out_of_range():
+    with pytest.raises(ParameterError, match=r"LFZO .*expected 0\.01 to 100"):
+        replace(MF61.coefficients, LFZO=0.0)

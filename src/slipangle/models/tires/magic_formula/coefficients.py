@@ -29,7 +29,8 @@ NOMPRES nominal inflation pressure p_i0; 0: pressure has no influence [Pa, 0 to 
 VERTICAL_STIFFNESS vertical stiffness c_z0 [N/m, 0 to 1e8]
 BREFF rolling radius, : slope at low load | DREFF peak | FREFF slope at high load
 # scaling
-LFZO scaling of the : nominal load | LCX shape factor of F_x | LMUX peak friction of F_x | LEX curvature of F_x
+LFZO scaling of the : nominal load [-, 0.01 to 100]
+LCX scaling of the : shape factor of F_x | LMUX peak friction of F_x | LEX curvature of F_x
 LKX scaling of the : slip stiffness | LHX horizontal shift of F_x | LVX vertical shift of F_x
 LCY scaling of the : shape factor of F_y | LMUY peak friction of F_y | LEY curvature of F_y
 LKY scaling of the : cornering stiffness | LHY horizontal shift of F_y | LVY vertical shift of F_y

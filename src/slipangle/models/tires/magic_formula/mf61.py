@@ -224,7 +224,7 @@ class MF61:
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Pneumatic trail, residual moment and moment arm of F_x, eqs. 4.E33 to 4.E47 and 4.E73 to 4.E78."""
         k, R = self.aligning_lean(c, o, s), c.UNLOADED_RADIUS
-        grip = c.LKY / s.mu_y
+        grip = ratio(c.LKY, s.mu_y)  # finite on ice without any friction
         kappa2 = ratio(x.K, y.K) * s.kappa
         kappa2 = kappa2 * kappa2
 

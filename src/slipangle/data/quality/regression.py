@@ -1,0 +1,52 @@
+"""Regression over the drives of a log: slopes, and coefficients with an error of blocks that are left out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_BLOCKS = 12  # of a log, each of one drive
+
+
+def slope_of(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope of y over x, and their correlation."""
+    x, y = x - x.mean(), y - y.mean()
+    power = float(x @ x)
+    if power <= 0 or not y.any():
+        return 0.0, 0.0
+    return float(x @ y) / power, float(x @ y / np.sqrt(power * (y @ y)))
+
+
+def rate_of(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """Change per sample of a signal inside drives."""
+    return np.concatenate([np.gradient(part) for part in np.split(x, np.flatnonzero(np.diff(drives)) + 1)])
+
+
+def by_blocks(table: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """Products of the columns of a table, summed over blocks of the drives, shape (n_blocks, n, n)."""
+    rows = np.split(table, np.flatnonzero(np.diff(drives)) + 1)
+    blocks = [b for part in rows for b in np.array_split(part, max(1, _BLOCKS // len(rows)))]
+    return np.array([b.T @ b for b in blocks])
+
+
+def coefficient(squares: np.ndarray, which: int = 0) -> tuple[float, float]:
+    """A coefficient of the last column's regression on the others, and its standard error, of a jackknife over blocks.
+
+    The error is infinite of three blocks or fewer (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
+    """
+    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
+    squares = squares / np.outer(size, size)
+
+    def of(total: np.ndarray) -> float:
+        found = np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-9)[0]
+        return float(found[which] * size[-1] / size[which])
+
+    whole, n = squares.sum(axis=0), len(squares)
+    others = np.array([of(whole - one) for one in squares])
+    error = float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if n > 3 else np.inf
+    return of(whole), error
+
+
+def about_means(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """The signal about its mean in each drive."""
+    count = np.maximum(np.bincount(drives), 1)
+    return x - (np.bincount(drives, x) / count)[drives]
