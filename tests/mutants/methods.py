@@ -980,7 +980,7 @@ MUTANTS = [
             "data/readers/test_ttc.py::test_signs_are_ours",
         ),
         [
-            ("rig data: sign of the slip angle", "opposes = link < 0", "opposes = link > 0"),
+            ("rig data: sign of the slip angle", "opposes = link <= 0", "opposes = link >= 0"),
             ("rig data: where z points", 'np.median(si["FZ"]) < 0', 'np.median(si["FZ"]) > 0'),
         ],
     ),
