@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
+from multiprocessing import parent_process
 from typing import Any
 
 import casadi as ca
@@ -41,7 +42,8 @@ class ForwardRun:
 
     def many(self, given: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]) -> list[np.ndarray]:
         """One run after another, or, where they are compiled and long, at the same time on the cores of the machine."""
-        threads = min(len(given), os.cpu_count() or 1)
+        alone = parent_process() is None  # else other processes have the other cores
+        threads = min(len(given), os.cpu_count() or 1) if alone else 1
         if not self.compiled or threads == 1 or sum(len(rows) for _, _, rows, _ in given) < _LONG:
             return [self(*arguments) for arguments in given]
         with ThreadPoolExecutor(threads) as pool:  # the compiled code runs without the interpreter's lock
