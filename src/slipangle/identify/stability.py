@@ -51,10 +51,10 @@ def later(poles: np.ndarray, data: Dataset) -> str:
     return _LATER.format(size=size, steps=tenfold(size))
 
 
-def held(model: Any, limit: float | None) -> Any:
-    """The model, with a warning in its ``fit_info`` if a pole ends at the limit of the search."""
-    size = float(np.abs(model.poles).max(initial=0.0))
-    return noted(model, _HELD.format(limit=limit)) if limit is not None and size > (1 - _AT) * limit else model
+def held(poles: np.ndarray, limit: float | None) -> str:
+    """Sentence about a pole that ends at the limit of the search; empty where none does."""
+    size = float(np.abs(poles).max(initial=0.0))
+    return _HELD.format(limit=limit) if limit is not None and size > (1 - _AT) * limit else ""
 
 
 def announced(model: Any) -> Any:

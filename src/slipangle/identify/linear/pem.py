@@ -19,7 +19,7 @@ from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.linear.predictor import Point, Work
 from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
-from slipangle.identify.stability import SETTLED, held, noted
+from slipangle.identify.stability import SETTLED, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.plausible import tenfold
 from slipangle.numerics.blas import one_blas_thread
@@ -112,7 +112,7 @@ class PEM(ScaledEstimator):
             f"{said}, zero along changes of the state's basis",
             warnings=notes,
         )
-        model = held(replace(self._of(point), fit_info=info), self.max_radius)
+        model = replace(self._of(point), fit_info=info)
         return noted(model, _memory_said(problem, point)) if self.focus == "prediction" else model
 
     @one_blas_thread()

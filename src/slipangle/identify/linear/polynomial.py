@@ -23,7 +23,7 @@ from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.linear.predictor import Point
-from slipangle.identify.stability import held
+from slipangle.identify.stability import held, noted
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread
 
@@ -106,7 +106,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
             warnings=notes,
         )
         model = replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
-        return held(model, 1.0 if any(layout.nf) and self.max_radius is None else self.max_radius)
+        return noted(model, held(model.poles, 1.0 if any(layout.nf) and self.max_radius is None else self.max_radius))
 
 
 @dataclass(frozen=True, kw_only=True)

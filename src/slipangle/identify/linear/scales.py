@@ -12,6 +12,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.identify.excitation import CHUNK, is_constant
 from slipangle.identify.linear.colour import shared_colour_said
 from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.stability import held
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.provenance import provenance
 
@@ -78,7 +79,9 @@ class ScaledEstimator(LinearEstimator[StateSpaceModel]):
     """Fits a state space to scaled signals and gives it back in the units of the data."""
 
     def _remarks(self, model: StateSpaceModel, data: Dataset) -> tuple[str, ...]:
-        return shared_colour_said(model, data, _MORE) if getattr(self, "focus", "") == "prediction" else ()
+        coloured = shared_colour_said(model, data, _MORE) if getattr(self, "focus", "") == "prediction" else ()
+        said = held(model.poles, getattr(self, "max_radius", None))  # who sets one means it
+        return (*coloured, said) if said else coloured
 
     @final
     def _fit(self, data: Dataset) -> StateSpaceModel:
