@@ -209,6 +209,23 @@ def test_places_and_times_of_a_vbo_file_are_those_of_the_world(first, tmp_path):
     assert np.degrees(data["heading"][0]) == pytest.approx(270)
 
 
+def test_rows_of_a_vbo_file_without_a_place_have_none(tmp_path):
+    """Before the receiver has one it writes zeros, which are a place in the sea off Africa."""
+    path = tmp_path / "lap.vbo"
+    lines = vbo(MADE).split("\r\n")
+    rows = lines.index("[data]") + 1
+    for k in range(50):
+        cells = lines[rows + k].split()
+        cells[2:4] = ["+00000.00000", "+00000.00000"]
+        lines[rows + k] = " ".join(cells)
+    path.write_text("\r\n".join(lines), newline="")
+    with pytest.raises(NotFiniteError):
+        sa.read(path)
+    data = sa.read(path, nan="gap")
+    assert data.n_samples == len(MADE.t) - 50
+    assert np.abs(data["X"]).max() < 1000.0
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

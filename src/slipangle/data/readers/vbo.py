@@ -61,7 +61,8 @@ def read_vbo(path: Path) -> Recording:
             values[:, k] /= 60.0 if title == "latitude" else -60.0
             headers[k] = Header(text=names[k], name=title, unit="deg")
     if {"latitude", "longitude"} <= {*titles} and not {"X", "Y"} & {*names}:
-        values = np.column_stack([values, *_metres(values, titles, path)])
+        metres = _metres(values, titles, path)
+        values = np.column_stack([values, metres])
         headers += [Header(text=n, name=n, unit="m") for n in ("X", "Y")]
     table = ArrayTable(name=f"'{path.name}'", headers=tuple(headers), values=values)
     return Recording(name=path.stem, tables={"": table}, notes=note)
@@ -99,11 +100,18 @@ def _unit(title: str, other: str) -> str | None:
     return _UNITS.get(title) or other or None
 
 
-def _metres(values: np.ndarray, titles: list[str], path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """East and north of the first place; rows without one have zeros for both angles. [m, m]"""
-    latitude, longitude = (np.radians(values[:, titles.index(n)]) for n in ("latitude", "longitude"))
-    first = int(np.argmax((latitude != 0) | (longitude != 0)))
-    try:
-        return equirectangular(latitude, longitude, origin=(float(latitude[first]), float(longitude[first])))
-    except ParameterError:
-        raise FormatError(f"'{path}' has latitudes beyond the poles; expected minutes of arc") from None
+def _metres(values: np.ndarray, titles: list[str], path: Path) -> np.ndarray:
+    """East and north of the first place [m], shape (n, 2).
+
+    Rows without a place have zeros for both angles: there these, and the metres, are set to NaN.
+    """
+    columns = [titles.index("latitude"), titles.index("longitude")]
+    placed = (values[:, columns] != 0).any(axis=1)
+    metres = np.full((len(values), 2), np.nan)
+    values[np.ix_(~placed, columns)] = np.nan
+    if placed.any():
+        try:
+            metres[placed] = np.column_stack(equirectangular(*np.radians(values[np.ix_(placed, columns)]).T))
+        except ParameterError:
+            raise FormatError(f"'{path}' has latitudes beyond the poles; expected minutes of arc") from None
+    return metres
