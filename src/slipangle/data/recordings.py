@@ -1,11 +1,10 @@
 """Which recording each experiment is of, where one data set holds several."""
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 
 RECORDING = "recording"  # channel that numbers the recording that a sample is of
 
@@ -17,8 +16,22 @@ def recordings(data: Dataset) -> tuple[int, ...]:
     return tuple(int(data[RECORDING][row]) for row in data.starts)
 
 
-def repeated(parts: Sequence[Dataset], names: Sequence[str]) -> list[tuple[int, int]]:
-    """Pairs of records whose samples of the channels ``names`` are the same ones, and no constant."""
-    tables = [part.columns(tuple(names)) for part in parts]
-    pairs = combinations(range(len(parts)), 2)
-    return [(i, j) for i, j in pairs if np.array_equal(tables[i], tables[j]) and np.ptp(tables[i], axis=0).any()]
+def by_recording(data: Dataset) -> dict[int, Dataset]:
+    """The experiments of each recording, by its number."""
+    parts: dict[int, list[Dataset]] = {}
+    for k, part in zip(recordings(data), data.experiments, strict=True):
+        parts.setdefault(k, []).append(part)
+    return {k: join(*some) if len(some) > 1 else some[0] for k, some in parts.items()}
+
+
+def repeated(parts: Mapping[int, Dataset], names: Sequence[str]) -> list[tuple[int, int]]:
+    """Records, each with an earlier one that has the same samples of the channels ``names``, and no constant."""
+    seen: dict[bytes, int] = {}
+    pairs = []
+    for k, part in parts.items():
+        table = part.columns(tuple(names))
+        if not np.ptp(table, axis=0).any():
+            continue
+        first = seen.setdefault(table.tobytes(), k)
+        pairs += [(first, k)] if first != k else []
+    return pairs

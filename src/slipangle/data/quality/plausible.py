@@ -12,7 +12,7 @@ from slipangle.data.quality.events import runs
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
 from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
-from slipangle.data.recordings import recordings, repeated
+from slipangle.data.recordings import by_recording, repeated
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
 # told, and what explains it.
@@ -65,33 +65,26 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m. Of several recordings of half a minute
     or more, what is odd in half of them or fewer is said of these, and the others are looked at together.
     """
-    of, lasts = np.array(recordings(data)), data.dt * np.subtract(data.stops, data.starts)
-    long = [k for k in dict.fromkeys(of) if lasts[of == k].sum() > _SESSION]
-    parts = {k: _part(data, of == k) for k in long} if len(long) > 1 else {}
-    each = {k: _doubts(part, wheelbase) for k, part in parts.items()}
-    sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
+    parts = by_recording(data)
+    long = {k: part for k, part in parts.items() if part.n_samples * data.dt > _SESSION}
     again = [
         f"recording {j + 1} has the samples of recording {i + 1} again: they count twice, and intervals are too "
         "narrow; leave one out"
-        for i, j in repeated([_part(data, of == k) for k in dict.fromkeys(of)], ("delta", "r"))
+        for i, j in repeated(long, ("delta", "r"))
     ]
+    each = {k: _doubts(part, wheelbase) for k, part in long.items()} if len(long) > 1 else {}
+    sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
     if 2 * len(sound) < len(each) or len(sound) == len(each):  # the same mistake looks otherwise at another speed
         return (*again, *_doubts(data, wheelbase))
-    said = again + [f"in recording {k + 1} of {max(of) + 1}: {sentence}" for k, one in each.items() for sentence in one]
-    others = np.isin(of, [k for k, one in each.items() if one], invert=True)
-    return (*said, *_doubts(_part(data, others), wheelbase))
+    said = [f"in recording {k + 1} of {max(parts) + 1}: {sentence}" for k, one in each.items() for sentence in one]
+    others = [part for k, part in parts.items() if not each.get(k)]
+    return (*again, *said, *_doubts(join(*others), wheelbase))
 
 
 def _turns(data: Dataset, wheelbase: float) -> bool:
     """Whether r follows delta about as wheelbase and speed have it."""
     low, high = _ORDINARY
     return low < kinematic_gain(data, wheelbase=wheelbase) < high
-
-
-def _part(data: Dataset, wanted: np.ndarray) -> Dataset:
-    """The data with some of the experiments alone."""
-    parts = [part for part, here in zip(data.experiments, wanted, strict=True) if here]
-    return data if len(parts) == len(wanted) else join(*parts)
 
 
 def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
@@ -127,7 +120,7 @@ def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
             return (*said, "r moves against delta and against v_y: it has the wrong sign; set sign = -1 for r")
         said += (about[0] or _zero(smooth, drives)) + about[1]
     beyond = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99))
-    if beyond > _BEYOND and not (cornering or said):
+    if beyond > _BEYOND and not said:
         said.append(f"v_x r reaches {beyond:.3g} m/s2, which no tires give: {_CHANGES}")
     return tuple(said)
 
