@@ -357,6 +357,12 @@ def test_a_mistake_of_one_recording_is_said_of_that_one(name, sound):
     assert doubts(join(*(session(seed) for seed in range(3))), wheelbase=LENGTH) == ()
 
 
+def test_a_mistake_of_two_recordings_in_three_is_said_of_both():
+    days = [session(0), *(session(seed).with_channel("a_y", session(seed)["a_y"] / 9.80665, "m/s2") for seed in (1, 2))]
+    found = doubts(join(*days), wheelbase=LENGTH)
+    assert [(s[:22], "logged in g" in s) for s in found] == [(f"in recording {k} of 3: a_y"[:22], True) for k in (2, 3)]
+
+
 def test_a_unit_that_changes_within_a_log_is_named_by_what_no_tires_give():
     data = without_a_y(session(3))
     later = np.where(np.arange(data.n_samples) < data.n_samples // 2, 1.0, 180 / np.pi)

@@ -63,7 +63,7 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, less ``delta_r`` of
     steered rear wheels, and v_x, r and a_y, ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s],
     r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m. Of several recordings of half a minute
-    or more, what is odd in half of them or fewer is said of these, and the others are looked at together.
+    or more, what is odd in half of them or fewer, or of which all together show nothing, is said of these.
     """
     parts = by_recording(data)
     long = {k: part for k, part in parts.items() if part.n_samples * data.dt > _SESSION}
@@ -74,11 +74,12 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     ]
     each = {k: _doubts(part, wheelbase) for k, part in long.items()} if len(long) > 1 else {}
     sound = [k for k, one in each.items() if not one and _turns(parts[k], wheelbase)] if any(each.values()) else []
-    if 2 * len(sound) < len(each) or len(sound) == len(each):  # the same mistake looks otherwise at another speed
-        return (*again, *_doubts(data, wheelbase))
+    together = _doubts(data, wheelbase)
+    if not any(each.values()) or (together and 2 * len(sound) < len(each)):  # one mistake looks otherwise by speed
+        return (*again, *together)
     said = [f"in recording {k + 1} of {max(parts) + 1}: {sentence}" for k, one in each.items() for sentence in one]
     others = [part for k, part in parts.items() if not each.get(k)]
-    return (*again, *said, *_doubts(join(*others), wheelbase))
+    return (*again, *said, *(_doubts(join(*others), wheelbase) if others else ()))
 
 
 def _turns(data: Dataset, wheelbase: float) -> bool:
