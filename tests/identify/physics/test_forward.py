@@ -5,6 +5,7 @@ import pytest
 
 from slipangle.identify.physics import forward as module
 from slipangle.identify.physics.forward import forward
+from slipangle.identify.physics.forward_code import width
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.delayed import Delayed
@@ -18,9 +19,9 @@ def car(method="rk4"):
 
 
 def rows_of(model, n=40, seed=0):
-    t, width = RATE * np.arange(n), module._width(model)
-    turns = 0.03 * np.sin(2.0 * t[:, None] + np.arange(width - 1))
-    return np.column_stack([turns, 20.0 + np.sin(t)]) if width > 2 else np.column_stack([turns[:, 0], 20.0 + np.sin(t)])
+    t, wide = RATE * np.arange(n), width(model)
+    turns = 0.03 * np.sin(2.0 * t[:, None] + np.arange(wide - 1))
+    return np.column_stack([turns, 20.0 + np.sin(t)]) if wide > 2 else np.column_stack([turns[:, 0], 20.0 + np.sin(t)])
 
 
 @pytest.mark.parametrize("method", ["rk4", "euler", "radau"])
@@ -54,6 +55,23 @@ def test_a_delay_that_is_free_is_among_them():
     slope = (late - early) / (2 * h)
     assert np.abs(slope).max() > 0.01
     assert full[:, :, 2] == pytest.approx(slope, rel=1e-4, abs=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("free", [("delay_delta", "C_f"), ("C_f", "delay_v_x"), ("steering_offset", "l_f", "C_f")])
+def test_any_order_and_any_of_two_delays_give_the_same_columns(free):
+    model = Delayed(car(), delays={"delta": 0.08, "v_x": 0.03}, longest=0.3)
+    every = ("C_f", "l_f", "steering_offset", "delay_delta", "delay_v_x")
+    rows, x0 = rows_of(model), np.array([0.2, 0.1])
+    S0 = np.random.default_rng(0).normal(size=(2, len(every)))
+
+    def made(names):
+        run, of_start = forward(model, names), S0[:, [every.index(n) for n in names]]
+        return run(x0, np.hstack([of_start, np.eye(2)]), rows, np.array([model.value(n) for n in names]))
+
+    full, some = made(every), made(free)
+    columns = [0, *(1 + every.index(n) for n in free), len(every) + 1, len(every) + 2]
+    assert np.abs(full[:, :, 1:]).max(axis=(0, 1)).min() > 0
+    assert some == pytest.approx(full[:, :, columns], rel=1e-9, abs=1e-12)
 
 
 def test_many_runs_at_once_are_each_to_the_last_bit(monkeypatch):

@@ -1,8 +1,9 @@
-/* A free run with forward sensitivities. The generated part before this file defines NX, NU, NW, NY, for Radau RADAU
-   (the coefficients A), SHARES (of Newton steps), newton_factor and newton_solve, and the functions driven,
-   (w, p) -> (u, du/dp), rates, (x, u, p) -> (f, df/dx, df/du, df/dp), and the same of the outputs; undriven and slopes
-   are driven and rates without derivatives. along_rates and along_outputs make df/dx S + df/du du/dp + df/dp, (., m), of
-   their derivatives, S and du/dp. u, the drive, is the same for all steps of a row.
+/* A free run with forward sensitivities. The generated part before this file defines NX, NU, NY, for Radau RADAU
+   (the coefficients A), SHARES (of Newton steps), newton_factor and newton_solve, and the functions rates,
+   (x, u, p) -> (f, df/dx, df/du, df/dp), and the same of the outputs; slopes are rates without derivatives. along_rates
+   and along_outputs make df/dx S + df/du du/dp + df/dp, (., m), of their derivatives, S and du/dp. u, the drive, is the
+   same for all steps of a row, and comes from a library of its own: driven, (w, q) -> (u, du/dq), where q are those of
+   all p that it depends on, and undriven without derivatives.
 
    Matrices are stored row after row. The rows of S and of derivatives by parameters are padded with zeros to a multiple
    of WIDE numbers, so that they are added up by whole vectors: the m columns of S are derivatives with respect to the
@@ -126,20 +127,29 @@ static void step(double *x, const double *u, const double *p, double h, long m, 
     /* STEP */
 }
 
-/* x and S, NX (1 + m) numbers, at the first row are overwritten; out gets NY rows of 1 + n numbers for each row, an
-   output and its first n derivatives. scratch holds as many numbers as spare says. */
-long spare(long m) { return (3 * NX + NU + NY) * (1 + m); }
+typedef void driven_of(const double *w, const double *q, double *u, double *uq);
+typedef void undriven_of(const double *w, const double *q, double *u);
 
-void free_run(double *x, const double *w, const double *p, long rows, long m, long n, double h, long substeps,
-              double *out, double *scratch)
+/* x and S, NX (1 + m) numbers, at the first row are overwritten; out gets NY rows of 1 + n numbers for each row, an
+   output and its first n derivatives. w has nw numbers in a row, q has nq, and columns says which derivative each of
+   them is, or -1. scratch holds as many numbers as spare says. */
+long spare(long m, long nq) { return (3 * NX + NU + NY) * (1 + m) + NU * nq; }
+
+void free_run(double *x, const double *w, const double *p, void *driven, void *undriven, const double *q,
+              const long *columns, long nq, long nw, long rows, long m, long n, double h,
+              long substeps, double *out, double *scratch)
 {
-    double y[NY], yx[NY * NX] = {0}, yu[NY * NU] = {0}, yp[NY * MP] = {0}, up[NU * MP] = {0};
-    double *u = scratch + 3 * NX * (1 + m), *slopes_of_y = u + NU * (1 + m);
+    double y[NY], yx[NY * NX] = {0}, yu[NY * NU] = {0}, yp[NY * MP] = {0};
+    double *u = scratch + 3 * NX * (1 + m), *slopes_of_y = u + NU * (1 + m), *uq = slopes_of_y + NY * (1 + m);
+    long moving = 0;
+    for (long j = 0; j < nq && m; j++) moving += columns[j] >= 0;
     memset(u, 0, (size_t)(NU * (1 + m)) * sizeof(double));
+    memset(uq, 0, (size_t)(NU * nq) * sizeof(double));
     for (long k = 0; k < rows; k++) {
-        if (m == 0) undriven(w + k * NW, p, u);
-        else driven(w + k * NW, p, u, up);
-        for (int i = 0; m && i < NU; i++) memcpy(u + NU + i * m, up + i * MP, MP * sizeof(double));
+        if (moving) ((driven_of *)driven)(w + k * nw, q, u, uq);
+        else ((undriven_of *)undriven)(w + k * nw, q, u);
+        for (long j = 0; moving && j < nq; j++)
+            for (int i = 0; columns[j] >= 0 && i < NU; i++) u[NU + i * m + columns[j]] = uq[i * nq + j];
         outputs(x, u, p, y, yx, yu, yp);
         along_outputs(yx, yu, yp, x + NX, u + NU, slopes_of_y, m);
         for (int i = 0; i < NY; i++, out += 1 + n) {

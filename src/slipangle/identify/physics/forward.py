@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.resources import files
 from multiprocessing import parent_process
 from typing import Any
 
@@ -16,16 +15,11 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.compiler import library
-from slipangle.codegen.elimination import elimination_code, stages_pattern
-from slipangle.codegen.expression import emit, preamble
-from slipangle.codegen.integrators import explicit_step
 from slipangle.errors import ParameterError
+from slipangle.identify.physics.forward_code import WIDE, Code, code_of, drive_of, text_of, width
 from slipangle.models.fast import evaluate, roll_out
-from slipangle.models.ode import Parametrised
-from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
+from slipangle.numerics.integrate import discretise
 
-_ITERATIONS = 12  # of Newton's method, as in the integrator itself
-_WIDE = 8  # derivatives that are added up side by side
 _LONG = 1000  # rows of all runs together, from which threads are worth starting
 
 
@@ -73,157 +67,70 @@ def _known_forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
 def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     if model.ode.own_step:
         return _stepped(model, free)
+    ordered = tuple(sorted(free, key=model.parameter_names.index))  # one library for every order
     try:
-        source, rest = _source(model, free)
+        code = code_of(model, ordered)
     except (RuntimeError, NotImplementedError, TypeError, ParameterError):  # built on what has no scalar code
-        source, rest = "", np.empty(0)
-    loaded = library(source, name="free_run") if source else None
-    if loaded is None:
+        code = None
+    run = _compiled(code, model.n_outputs, model.ode.dt / model.ode.substeps, model.ode.substeps) if code else None
+    if run is None:
         return _interpreted(model, free)
-    return _compiled(loaded, rest, model.n_outputs, model.ode.dt / model.ode.substeps, model.ode.substeps)
+    return run if ordered == free else _reordered(run, [free.index(name) for name in ordered])
 
 
-# ---- compiled ------------------------------------------------------------------------------------------------------
+def _compiled(code: Code, ny: int, h: float = 1.0, substeps: int = 1) -> ForwardRun | None:
+    drive = library(code.drive, name="drive")
+    loaded = library(code.run, name="free_run") if drive else None
+    if drive is None or loaded is None:
+        return None
+    places = code.places
+    calls = [ctypes.cast(function, ctypes.c_void_p).value for function in (drive.driven, drive.undriven)]
 
-
-def _numbers(model: Parametrised, names: tuple[str, ...], free: tuple[str, ...]) -> tuple[str, ...]:
-    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values.
-
-    One that is zero and stays so is none, as a whole effect may go with it.
-    """
-    others = tuple(n for n in names if n not in free and model.value(n) != 0)
-    try:
-        varied = model.with_values(**{n: ca.SX.sym(n) for n in (*free, *others)})
-        x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", _width(model))
-        varied.ode.derivative(x, varied.drive(w))
-        varied.ode.output(x, varied.drive(w))
-    except (RuntimeError, NotImplementedError, TypeError, ValueError):
-        return free
-    return (*free, *others)
-
-
-def _width(model: Any) -> int:
-    """Length of a row of the drive."""
-    wrapped = model.n_states - model.ode.n_states
-    return model.n_inputs + wrapped
-
-
-def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
-    """C of the free run, and the values of the parameters that it takes besides the free ones."""
-    known = _numbers(model, model.parameter_names, free)
-    ode, n_p = model.ode, len(free)
-    x, w, p = ca.SX.sym("x", ode.n_states), ca.SX.sym("w", _width(model)), ca.SX.sym("p", len(known))
-    varied = model.with_values(**{name: p[i] for i, name in enumerate(known)})
-    u = varied.drive(w)
-    felt = ca.SX.sym("u", u.shape[0])
-    of_felt = varied.ode.derivative(x, felt), varied.ode.output(x, felt)
-    text = _text((w, u), (x, felt, p), *of_felt, n_p, ode.method)
-    return text, np.array([model.value(n) for n in known[n_p:]])
-
-
-def _text(drive: tuple[ca.SX, Any], symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method: Any) -> str:
-    """C of the free run with rates ``f``, or with ``f`` as the next state where the method is "map".
-
-    The symbols are x, u and p, of whose entries the first ``n_p`` are free; ``drive`` are those of a row w, and u of it
-    and of p: it may take many operations, as a delay does, which the steps within a sample need not repeat.
-    """
-    (w, given), (x, u, p) = drive, symbols
-    given, f, y = ca.densify(given), ca.densify(f), ca.densify(y)
-    padding = -n_p % _WIDE if n_p else _WIDE
-
-    def by_p(value: Any) -> Any:
-        return ca.horzcat(ca.jacobian(value, p)[:, :n_p], ca.SX(value.shape[0], padding))
-
-    def with_slopes(name: str, value: Any) -> ca.Function:
-        slopes = [ca.jacobian(value, x), ca.jacobian(value, u), by_p(value)]
-        return ca.Function(name, [x, u, p], [value, *slopes], {"cse": True})
-
-    functions = {
-        "driven": ca.Function("ode_driven", [w, p], [given, by_p(given)], {"cse": True}),
-        "undriven": ca.Function("ode_undriven", [w, p], [given], {"cse": True}),
-        "rates": with_slopes("ode_rates", f),
-        "outputs": with_slopes("ode_outputs", y),
-        "slopes": ca.Function("ode_slopes", [x, u, p], [f]),
-    }
-    moved = _used(by_p(given)).any(axis=1)
-    sizes = {"NX": x.shape[0], "NU": u.shape[0], "NW": w.shape[0], "NY": y.shape[0], "MP": n_p + padding, "WIDE": _WIDE}
-    parts = [preamble("double"), *(emit(function, name) for name, function in functions.items())]
-    if method == "radau":
-        sizes |= {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
-        jacobian = ca.DM(ca.jacobian(f, x).sparsity(), 1.0)
-        parts += [elimination_code(stages_pattern(np.array(jacobian.full()) != 0), "newton", "double")]
-        rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
-        parts += ["#define IMPLICIT", f"static const double RADAU[3][3] = {{{rows}}};"]
-        parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
-        step = "implicit_step(x, x + NX, u, p, h, m, 1);"
-    elif method == "map":
-        step = "all_rates(x, u, p, y, m); memcpy(x, y, n * sizeof(double));"
-    else:
-        step = explicit_step(method, "all_rates({x}, u, p, {k}, m)", n="n", h="h", out="x").strip()
-    template = (files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")
-    parts += [f"#define {name} {value}" for name, value in sizes.items()]
-    parts += ["typedef double wide __attribute__((vector_size(WIDE * sizeof(double)), aligned(sizeof(double))));"]
-    parts += ["static const wide none = {0};"]
-    for name, value in (("rates", f), ("outputs", y)):
-        of_x, of_u = _used(ca.jacobian(value, x)), _used(ca.jacobian(value, u)) & moved
-        parts += [_along(f"along_{name}", of_x, of_u, _used(by_p(value)))]
-    return "\n".join([*parts, template.replace("/* STEP */", step)])
-
-
-def _used(slopes: Any) -> np.ndarray:
-    """Which entries can be other than zero."""
-    return np.array(ca.DM(slopes.sparsity(), 1.0).full()) != 0
-
-
-def _along(name: str, of_x: np.ndarray, of_u: np.ndarray, of_p: np.ndarray) -> str:
-    """C of the sum of products that is a derivative by all columns; which entries count is known here."""
-    given = ", ".join(f"const double *restrict {n}" for n in ("fx", "fu", "fp", "S", "du"))
-    lines = [f"static void {name}({given}, double *restrict out, long m)", "{"]
-    lines += ["    for (long j = 0; j < m; j += WIDE) {"]
-    tables = (("fx", "S", of_x), ("fu", "du", of_u))
-    lines += [
-        f"        const wide {rows}{k} = *(const wide *)({rows} + {k} * m + j);"
-        for _, rows, used in tables
-        for k in np.flatnonzero(used.any(axis=0))
-    ]
-    for i in range(len(of_x)):
-        products = [
-            f" + {f}[{i * used.shape[1] + k}] * {rows}{k}" for f, rows, used in tables for k in np.flatnonzero(used[i])
-        ]
-        first = f"(j < MP ? *(const wide *)(fp + {i} * MP + j) : none)" if of_p[i].any() else "none"
-        lines.append(f"        *(wide *)(out + {i} * m + j) = {first}{''.join(products)};")
-    return "\n".join([*lines, "    }", "    (void)fx, (void)fu, (void)fp, (void)S, (void)du;", "}"])
-
-
-def _compiled(loaded: ctypes.CDLL, rest: np.ndarray, ny: int, h: float = 1.0, substeps: int = 1) -> ForwardRun:
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
         n = S0.shape[1]
-        m = n + -n % _WIDE
+        m = n + -n % WIDE
         x = np.concatenate([x0, np.pad(S0, [(0, 0), (0, m - n)]).ravel()], dtype=float)  # x, then S row after row
-        rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, rest])
-        out, scratch = np.empty((len(rows), ny, 1 + n)), np.empty(loaded.spare(m))
+        rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, code.rest])
+        columns, q = (
+            np.where(places < len(p), places, -1).astype(ctypes.c_long),
+            values[places],
+        )  # which derivatives are wanted of those by q
+        out, scratch = np.empty((len(rows), ny, 1 + n)), np.empty(loaded.spare(m, len(places)))
         at = [a.ctypes.data for a in (x, rows, values)]
-        loaded.free_run(*at, len(rows), m, n, h, substeps, out.ctypes.data, scratch.ctypes.data)
+        of_drive = [*calls, q.ctypes.data, columns.ctypes.data, len(places), rows.shape[1]]
+        loaded.free_run(*at, *of_drive, len(rows), m, n, h, substeps, out.ctypes.data, scratch.ctypes.data)
         return out
 
     return ForwardRun(run, compiled=True)
 
 
+def _reordered(ran: ForwardRun, places: list[int]) -> ForwardRun:
+    """The same run where ``places`` are those of its free parameters in the order in which they are now given."""
+
+    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        n = S0.shape[1]
+        columns = np.concatenate([places, np.arange(len(places), n)]) if n else np.empty(0, dtype=int)
+        made = ran(x0, S0[:, columns], rows, p[places])
+        out = np.empty_like(made)
+        out[:, :, np.concatenate([[0], 1 + columns])] = made
+        return out
+
+    return ForwardRun(run, ran.compiled)
+
+
 def of_map(symbols: tuple[ca.SX, ca.SX, ca.SX], later: Any, y: Any) -> ForwardRun:
     """The free run of ``x(k+1) = later``, with outputs ``y``, of the symbols x, w and p, all of them free."""
-    later, y = ca.densify(later), ca.densify(y)
-    text = _text((symbols[1], symbols[1]), symbols, later, y, symbols[2].shape[0], "map")
-    loaded = library(text, name="free_run")
-    if loaded is None:
-        return _on_machine(symbols, _chained(symbols, later), y)
-    return _compiled(loaded, np.empty(0), y.shape[0])
+    (_, w, p), later, y = symbols, ca.densify(later), ca.densify(y)
+    body = text_of(symbols, later, y, p.shape[0], "map", np.zeros(w.shape[0], dtype=bool))
+    run = _compiled(Code(body, *drive_of(w, w, p), np.empty(0)), y.shape[0])
+    return _on_machine(symbols, _chained(symbols, later), y) if run is None else run
 
 
 # ---- without a compiler --------------------------------------------------------------------------------------------
 
 
 def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
-    ode, nw, n_p = model.ode, _width(model), len(free)
+    ode, nw, n_p = model.ode, width(model), len(free)
     kind: Any = ca.MX if ode.method == "radau" else ca.SX
 
     def at(p: Any) -> Any:
@@ -324,7 +231,7 @@ def _stepped(model: Any, free: tuple[str, ...]) -> ForwardRun:
 
 def _outputs(model: Any, free: tuple[str, ...]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     """``(x0, rows, p)`` to the outputs at every row, by the model's compiled steps where it has some."""
-    ode, nw, n_p = model.ode, _width(model), len(free)
+    ode, nw, n_p = model.ode, width(model), len(free)
     kinds: tuple[Any, ...] = (ca.SX, ca.MX)
     for kind in kinds:
         x, w, p = kind.sym("x", ode.n_states), kind.sym("w", nw), kind.sym("p", n_p)
