@@ -103,8 +103,8 @@ def driven(rng: np.random.Generator, model: Bicycle | Longitudinal, pole: float)
     at = 2 * np.pi * model.dt * np.arange(n)[:, None]
     tones = np.sin(at * np.array(TONES) + phases).sum(axis=1) / 2
     inputs = {"delta": 0.03 * tones, "v_x": np.full(n, 20.0)} if car else {"pedal": 0.2 + 0.5 * tones}
-    extra = None if car else {"v_x": np.full(n, 20.0)}
-    data = Dataset.from_arrays(inputs, {o: np.zeros(n) for o in model.outputs}, model.dt, extra=extra)
+    start = 0.0 if car else 20.0  # of r, or of v_x
+    data = Dataset.from_arrays(inputs, {o: np.full(n, start) for o in model.outputs}, model.dt)
     y = model.simulate(data).y[:, 0]
     noise: Any = lfilter([1.0], [1.0, -pole], rng.standard_normal(n + 200))
     size = 0.05 * np.std(y) * np.sqrt(1 - pole**2)
