@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.control.marx.solver import source as marx_source
 from slipangle.identify.linear import recursive_code
-from slipangle.identify.physics import forward
+from slipangle.identify.physics import forward_code
 from slipangle.models.black_box import arx_code
 from slipangle.models.vehicles import neural_bicycle_code
 from slipangle.models.vehicles.dual_track import kernel
@@ -40,7 +40,8 @@ KINDS = {
     "neural state space": lambda: ALL_MODELS["neural state space"].source(),
     "neural bicycle": lambda: neural_bicycle_code.source(ALL_MODELS["neural bicycle"]),
     "dual track": lambda: kernel.source(ALL_MODELS["dual track, front drive"]),
-    "free runs with sensitivities": lambda: forward._source(ALL_MODELS["bicycle"], ("C_f", "C_r"))[0],
+    "free runs with sensitivities": lambda: forward_code.code_of(ALL_MODELS["bicycle"], ("C_f", "C_r")).run,
+    "drives with a delay": lambda: forward_code.code_of(ALL_MODELS["bicycle with late steering"], ("C_f",)).drive,
     "loop": loop_source,
     "paths": lambda: (files("slipangle.paths") / "line.c").read_text(encoding="utf-8"),
 }

@@ -65,6 +65,14 @@ def test_a_stretch_is_predicted_without_itself():
     assert np.abs(learned.held_out[8:508] - data["v_y"][8:508]).max() < 0.2
 
 
+def test_channels_may_stand_in_any_order():
+    data, other = driven(8), driven(9)
+    names = ["v_y", "a_y", "r", "v_x", "delta"]
+    turned = Dataset.from_arrays({n: other[n] for n in names[3:]}, {n: other[n] for n in names[:3]}, DT)
+    learned = SENSOR.fit(data)
+    np.testing.assert_array_equal(learned(turned), learned(other))
+
+
 def test_a_car_a_tenth_as_long_is_the_same_car():
     """Lengths and speeds over ten: so is what is said, at 2.5 m/s too."""
     data, other = driven(8), driven(9)

@@ -265,7 +265,7 @@ class LearnedSideSlip:
         look, v_y = self.look, np.full(len(table), np.nan)
         n = len(table) - look.first
         if n > 0:
-            samples = np.hstack([table[k : n + k] for k in range(look.first + 1)])
+            samples = np.ascontiguousarray(np.hstack([table[k : n + k] for k in range(look.first + 1)]))
             told, seen = np.empty((n, 2)), np.empty((n, len(self.limits)))
             bind(self.say if n == 1 else self.say.map(n), [samples], told, seen)()
             low, high = self.limits.T
