@@ -36,7 +36,8 @@ class Optimum(NamedTuple):
 
     theta, shape (n_parameters,); residual, shape (n_samples * n_outputs,), weighted; jacobian of the residual;
     cost, sum of squared residuals; costs of all starts as far as they were carried, rising; how often the best was
-    reached within 0.1 % of its cost; whether the best run converged within its budget.
+    reached within 0.1 % of its cost; whether the best run converged within its budget; where each start came to, in the
+    order of the costs, shape (n_starts, n_parameters).
     """
 
     theta: np.ndarray
@@ -46,6 +47,7 @@ class Optimum(NamedTuple):
     costs: np.ndarray
     hits: int
     converged: bool
+    ends: np.ndarray
 
 
 class Regression:
@@ -175,13 +177,14 @@ def multistart(
         best = head[0]
         if best.status <= 0:
             best = min((best, run(best.x, effort.finish)), key=lambda r: r.cost)
-    costs = np.sort([2 * r.cost for r in (best, *head[1:], *tail)])
-    return _solution(problem, best.x, costs, converged=best.status > 0)
+    ends = sorted((best, *head[1:], *tail), key=lambda r: r.cost)
+    costs, points = np.array([2 * r.cost for r in ends]), np.array([r.x for r in ends])
+    return _solution(problem, points, costs, converged=best.status > 0)
 
 
-def _solution(problem: Regression, theta: np.ndarray, costs: np.ndarray, *, converged: bool) -> Optimum:
+def _solution(problem: Regression, ends: np.ndarray, costs: np.ndarray, *, converged: bool) -> Optimum:
     """The solution that the first of the costs belongs to."""
-    cost = float(costs[0])
+    cost, theta = float(costs[0]), ends[0]
     return Optimum(
         theta=theta,
         residual=problem.residual(theta),
@@ -190,6 +193,7 @@ def _solution(problem: Regression, theta: np.ndarray, costs: np.ndarray, *, conv
         costs=costs,
         hits=int(np.sum(costs <= cost * 1.001 + 1e-12)),
         converged=bool(converged),
+        ends=ends,
     )
 
 
@@ -214,7 +218,8 @@ def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.
         residual = problem.residual(point)
         optima.append((float(residual @ residual), point, bool(solver.stats()["success"])))
     optima.sort(key=lambda item: item[0])
-    return _solution(problem, optima[0][1], np.array([cost for cost, _, _ in optima]), converged=optima[0][2])
+    costs, points = np.array([cost for cost, _, _ in optima]), np.array([point for _, point, _ in optima])
+    return _solution(problem, points, costs, converged=optima[0][2])
 
 
 def covariance(solution: Optimum) -> np.ndarray:

@@ -86,7 +86,7 @@ def test_compression_keeps_cost_gradient_and_curvature():
 def test_covariance_of_a_linear_problem_is_the_textbook_one():
     rng = np.random.default_rng(1)
     j, e = rng.normal(size=(50, 3)), rng.normal(size=50)
-    got = covariance(Optimum(np.zeros(3), e, j, float(e @ e), np.array([1.0]), 1, True))
+    got = covariance(Optimum(np.zeros(3), e, j, float(e @ e), np.array([1.0]), 1, True, np.zeros((1, 3))))
     assert got == pytest.approx(np.linalg.inv(j.T @ j) * (e @ e) / 47)
 
 

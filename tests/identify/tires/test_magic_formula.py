@@ -291,3 +291,47 @@ def test_a_channel_that_says_nothing_counts_as_not_measured():
         data = replace(RUNS[kind], **{name: np.zeros(len(RUNS[kind]))})
         with pytest.raises(ExcitationError, match=f"{name} of .* is 0 N at every sample"):
             quiet_fit(data)
+
+
+def magic(slip, load, shape, curvature):
+    """The formula as published, friction 1 at 4 kN."""
+    peak = (1 - 0.1 * (load - 4000) / 4000) * load
+    stiffness = 18 * 4000 * np.sin(2 * np.arctan(load / 8000)) / (shape * peak)
+    bent = stiffness * slip - curvature * (stiffness * slip - np.arctan(stiffness * slip))
+    return peak * np.sin(shape * np.arctan(bent))
+
+
+def swept(most, seed, shape, curvature):
+    """Sweeps at three loads to ``most`` degrees, with 2 % of noise."""
+    rng, slip = np.random.default_rng(seed), np.deg2rad(most) * np.concatenate([np.linspace(-1, 1, 200)] * 2)
+    load = np.repeat([2000.0, 4000.0, 6000.0], len(slip))
+    slip = np.tile(slip, 3)
+    F_y = magic(np.tan(slip), load, shape, curvature) + 0.02 * load * rng.standard_normal(len(slip))
+    return TireData(slip_ratio=0 * slip, slip_angle=slip, load=load, F_x=0 * slip, F_y=F_y)
+
+
+@pytest.mark.parametrize("most", [8.0, 12.0])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_shapes_that_fit_alike_are_told_and_inside_the_interval(most, seed):
+    data = swept(most, seed, shape=1.45, curvature=-0.3)
+    with pytest.warns((IdentifiabilityWarning, ModelWarning)) as said:
+        tire = MagicFormulaFit(start=typical(data, radius=0.3, nominal_load=4000.0)).fit(data)
+    assert any("leave the shape of F_y open: PCY1 = " in str(w.message) for w in said)
+    if "PCY1" in tire.fit_info.names:  # else it stays the start tire's, without an interval
+        low, high = tire.fit_info.interval()[tire.fit_info.names.index("PCY1")]
+        assert low < 1.45 < 1.9 < high  # with the twin: both give the same forces
+    else:
+        assert (most, tire.coefficients.PCY1) == (8.0, 1.4)
+    slip, load = np.tan(data.slip_angle), data.load
+    twin = magic(slip, load, 2.2, 0.8)
+    assert rms(twin - data.F_y) < 1.01 * rms(magic(slip, load, 1.45, -0.3) - data.F_y)
+    assert 0.8 < tire.coefficients.PCY1 < 1.9  # a larger one turns the force's sign far beyond the sweep
+
+
+def test_a_sweep_far_beyond_the_peak_leaves_no_shape_open():
+    data = swept(40.0, 0, shape=1.45, curvature=-0.3)
+    with pytest.warns(ModelWarning) as said:
+        tire = MagicFormulaFit(start=typical(data, radius=0.3, nominal_load=4000.0)).fit(data)
+    assert not any("open" in str(w.message) for w in said)
+    low, high = tire.fit_info.interval()[tire.fit_info.names.index("PCY1")]
+    assert low < 1.45 < high < low + 0.15

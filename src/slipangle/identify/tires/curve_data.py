@@ -86,3 +86,15 @@ def limits_of(data: TireData) -> ValidRange:
         camber=around(np.append(data.gamma, 0.0)),
         pressure=(-np.inf, np.inf) if data.pressure is None else around(data.pressure),
     )
+
+
+def varying(data: TireData, nominal_pressure: float) -> str:
+    """What differs among the samples: letters of force (f), camber (c) and, where the tire has it, pressure (p)."""
+    name = ""
+    if np.std(data.load) > 0.05 * np.mean(data.load):
+        name += "f"
+    if np.ptp(np.quantile(data.gamma, (0.02, 0.98))) > np.deg2rad(0.5):
+        name += "c"
+    if nominal_pressure > 0 and data.pressure is not None and np.std(data.pressure) > 0.02 * np.mean(data.pressure):
+        name += "p"
+    return name

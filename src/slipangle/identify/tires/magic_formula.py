@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,10 +19,12 @@ import numpy as np
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
-from slipangle.identify.tires.curve_data import limits_of, require_both_signs
+from slipangle.identify.tires.curve_data import limits_of, require_both_signs, varying
 from slipangle.identify.tires.magic_formula_coefficients import COMBINED, LATERAL, LONGITUDINAL, MOMENTS, Free
+from slipangle.identify.tires.shapes import SHAPE, alike, left_open, shaped
 from slipangle.identify.tires.stages import (
     FittedStage,
+    coefficients,
     criterion,
     expendable,
     noise,
@@ -40,6 +43,7 @@ from slipangle.numerics.multistart import Effort, Regression, draw, multistart
 
 _ORDINARY = {"PCX1": 1.5, "PDX1": 1.2, "PKX1": 25.0, "PCY1": 1.4, "PDY1": 1.1, "PKY1": -25.0, "PKY2": 2.0}
 _ORDINARY |= {"RCX1": 1.0, "RCY1": 1.0, "QCZ1": 1.1}  # coefficients of a tire, beside its size and pressure
+_AGAIN = Effort(starts=1, screen=120, carried=1, polish=120, finish=120)  # from where it is
 _SMALL_RATIO = 0.01  # slip ratio that counts as free rolling
 _SMALL_ANGLE = np.deg2rad(0.6)  # slip angle that counts as straight
 
@@ -65,8 +69,8 @@ class MagicFormulaFit:
     about a direction, combined slip or moment that the data do not hold.
 
     Shape and curvature factor come in twins: where a sweep ends soon after the peak, two pairs (C, E) give the same
-    forces to within the noise, each with a narrow interval of its own. Sweep to three times the slip of the peak, or
-    start from a tire of the same kind, when the coefficients themselves matter.
+    forces to within the noise. The one nearer to ``start`` is taken, its interval holds the others too, and a warning
+    tells. Sweep to three times the slip of the peak when the coefficients themselves matter.
 
     Parameters
     ----------
@@ -79,7 +83,7 @@ class MagicFormulaFit:
     prune : bool
         Put coefficients back to their start that the data do not need, as Schwarz's criterion ([3]_) judges, and then
         those that they do not determine, where no residual grows by more than 1 %: fewer coefficients extrapolate
-        better, and the intervals of the others get narrower.
+        better. Intervals of the others take those as given, and are narrower.
 
     References
     ----------
@@ -127,6 +131,9 @@ class MagicFormulaFit:
         return replace(tire, limits=limits_of(job.data), fit_info=info, source=None)
 
 
+Found = tuple[MagicFormulaTire, FittedStage]  # a tire and the last stage that made it
+
+
 class _Job:
     """One fit: the data, what varies in them and what has been said."""
 
@@ -135,6 +142,9 @@ class _Job:
         self.data = data.thinned(settings.samples)
         self.rng = np.random.default_rng(settings.seed)
         self.notes: list[str] = []
+        self.shapes: dict[str, list[dict[str, float]]] = {}  # by force, coefficients that fit alike
+        self.open: list[str] = []
+        self.reach: dict[str, float] = {}  # of coefficients of shapes that fit alike
         d = self.data
         self.driving = np.abs(d.slip_ratio) > _SMALL_RATIO / 2
         self.straight = np.abs(d.slip_angle) < _SMALL_ANGLE
@@ -153,22 +163,11 @@ class _Job:
                     f"{name} of '{d.name}' is {getattr(d, name)[0]:g} N at every sample although its slip moves; "
                     "expected a force that was measured: leave that run out"
                 )
-        self.varies = self._varying()
+        self.varies = varying(d, float(settings.start.coefficients.NOMPRES))
         reference = settings.start.coefficients
         kappa = practical_slip(np.minimum(d.slip_ratio, 0.99))
         pressure = np.full(d.n_samples, float(reference.INFLPRES)) if d.pressure is None else d.pressure
         self.samples = np.column_stack([kappa, -d.slip_angle, d.load, d.gamma, pressure])
-
-    def _varying(self) -> str:
-        d, c = self.data, self.settings.start.coefficients
-        name = ""
-        if np.std(d.load) > 0.05 * np.mean(d.load):
-            name += "f"
-        if np.ptp(np.quantile(d.gamma, (0.02, 0.98))) > np.deg2rad(0.5):
-            name += "c"
-        if c.NOMPRES > 0 and d.pressure is not None and np.std(d.pressure) > 0.02 * np.mean(d.pressure):
-            name += "p"
-        return name
 
     def free(self, table: tuple[Free, ...]) -> tuple[Free, ...]:
         """Coefficients of a table whose conditions vary."""
@@ -181,34 +180,47 @@ class _Job:
         if self.has_x:
             rows = self.straight & (self.driving if self.has_y else np.full(len(self.driving), True))
             require_both_signs(self.data.slip_ratio[rows], f"the slip ratio of '{self.data.name}'")
-            tire = self.solve(tire, self.free(LONGITUDINAL), ("F_x",), rows, self.settings.effort)[0]
+            tire = self.ordinary(*self.solve(tire, self.free(LONGITUDINAL), ("F_x",), rows, self.settings.effort))
         else:
             self.notes.append("the data hold no longitudinal sweep: F_x is that of the start tire")
         if self.has_y:
             require_both_signs(self.data.slip_angle[self.rolling], f"the slip angle of '{self.data.name}'")
-            tire = self.solve(tire, self.free(LATERAL), ("F_y",), self.rolling, self.settings.effort)[0]
+            found = self.solve(tire, self.free(LATERAL), ("F_y",), self.rolling, self.settings.effort)
+            tire = self.ordinary(*found)
         else:
             self.notes.append("the data hold no lateral sweep: F_y is that of the start tire")
         return tire
 
-    def joint(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, FittedStage]:
+    def ordinary(self, tire: MagicFormulaTire, stage: FittedStage) -> MagicFormulaTire:
+        """The tire with that of the shapes that fit alike which is nearest to the start tire's."""
+        output = stage.outputs[0]
+        own = float(getattr(self.settings.start.coefficients, SHAPE[output][0]))
+        self.shapes[output] = alike(stage, own)
+        return tire.with_coefficients(**self.shapes[output][0])
+
+    def joint(self, tire: MagicFormulaTire) -> Found:
         """Combined slip, then all force coefficients on all samples."""
         free = (self.free(LONGITUDINAL) if self.has_x else ()) + (self.free(LATERAL) if self.has_y else ())
-        outputs = ("F_x",) * self.has_x + ("F_y",) * self.has_y
+        outputs, rows = ("F_x",) * self.has_x + ("F_y",) * self.has_y, np.full(len(self.samples), True)
         if self.has_both and self.has_x and self.has_y:
             few = Effort(starts=6, screen=25, carried=2, polish=60, finish=60)
-            tire = self.solve(tire, self.free(COMBINED), outputs, np.full(len(self.samples), True), few)[0]
+            tire = self.solve(tire, self.free(COMBINED), outputs, rows, few)[0]
             free += self.free(COMBINED)
-            rows = np.full(len(self.samples), True)
         else:
             if self.has_x and self.has_y:
                 self.notes.append("the data hold no combined slip: its coefficients are those of the start tire")
             rows = (self.straight & self.has_x) | (self.rolling & self.has_y)
-        once = Effort(starts=1, screen=120, carried=1, polish=120, finish=120)
-        tire, _ = self.solve(tire, free, outputs, rows, once)
-        tire, stage = self.solve(tire, free, outputs, rows, once)  # with each output weighed by its residuals
+        tire, _ = self.solve(tire, free, outputs, rows, _AGAIN)
+        tire, stage = self.solve(tire, free, outputs, rows, _AGAIN)  # with each output weighed by its residuals
         tire, stage = self.settled(*self.pruned(tire, stage, rows), rows)
         self.notes += [said for output in outputs if (said := self.contradicted(tire, output))]
+        for output, shapes in self.shapes.items():
+            free = shaped(stage, output)
+            if len(shapes) > 1 or len(free) > len(stage.free):
+                trials = [self.solve(tire.with_coefficients(**s), free, outputs, rows, _AGAIN)[1] for s in shapes]
+                said, reach = left_open(output, tire, stage, trials)
+                self.open += [said] if said else []
+                self.reach |= reach
         return tire, stage
 
     def moments(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, list[FittedStage]]:
@@ -225,60 +237,52 @@ class _Job:
                 continue
             fitted = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
             found, stage = self.settled(*min(fitted, key=lambda pair: criterion(pair[1])), rows)
-            said = self.contradicted(found, output)
-            if said:
+            if said := self.contradicted(found, output):
                 self.notes.append(f"{said}; its coefficients stay those of the start tire")
                 continue
             tire = found
             stages.append(stage)
         return tire, stages
 
-    def pruned(
-        self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray
-    ) -> tuple[MagicFormulaTire, FittedStage]:
+    def pruned(self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray) -> Found:
         """The stage without coefficients that are not worth their place, fitted again."""
-        once = Effort(starts=1, screen=80, carried=1, polish=80, finish=80)
         reference = self.settings.start.coefficients
-        while self.settings.prune:
-            home = np.array([scaled(f, getattr(reference, f.name)) for f in stage.free])
-            order = expendable(stage, home)
-            better = None
-            for share in (1.0, 0.5, 0.2):
-                spared = set(order[: round(share * len(order))])
-                fewer = tuple(f for k, f in enumerate(stage.free) if k not in spared)
-                if not spared or not fewer:
-                    continue
-                back = {stage.free[k].name: getattr(reference, stage.free[k].name) for k in spared}
-                trial = self.solve(tire.with_coefficients(**back), fewer, stage.outputs, rows, once)
-                if criterion(trial[1]) < criterion(stage):
-                    better = trial
-                    break
-            if better is None:
-                break
-            tire, stage = better
-        return tire, stage
 
-    def settled(
-        self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray
-    ) -> tuple[MagicFormulaTire, FittedStage]:
+        def unworthy(stage: FittedStage) -> list[int]:
+            return expendable(stage, np.array([scaled(f, getattr(reference, f.name)) for f in stage.free]))
+
+        return self.without(tire, stage, rows, unworthy, lambda new, old: criterion(new) < criterion(old))
+
+    def settled(self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray) -> Found:
         """The stage without coefficients that the data leave open, as far as no residual grows by more than 1 %."""
-        once = Effort(starts=1, screen=80, carried=1, polish=80, finish=80)
+
+        def alike(new: FittedStage, old: FittedStage) -> bool:
+            return all(a <= 1.01 * b for a, b in zip(noise(new), noise(old), strict=True))
+
+        return self.without(tire, stage, rows, undetermined, alike)
+
+    def without(
+        self,
+        tire: MagicFormulaTire,
+        stage: FittedStage,
+        rows: np.ndarray,
+        named: Callable[[FittedStage], list[int]],
+        accepted: Callable[[FittedStage, FittedStage], bool],
+    ) -> Found:
+        """The stage with named coefficients back at their start, or the first of them, as long as that is accepted."""
         reference = self.settings.start.coefficients
-        while self.settings.prune and (loose := undetermined(stage)):
-            better = None
-            for share in (1.0, 0.5, 0.2):
-                spared = set(loose[: max(1, round(share * len(loose)))])
-                fewer = tuple(f for k, f in enumerate(stage.free) if k not in spared)
+        while self.settings.prune and (order := named(stage)):
+            for count in dict.fromkeys(max(1, round(share * len(order))) for share in (1.0, 0.5, 0.2)):
+                back = {stage.free[k].name: getattr(reference, stage.free[k].name) for k in order[:count]}
+                fewer = tuple(f for f in stage.free if f.name not in back)
                 if not fewer:
                     continue
-                back = {stage.free[k].name: getattr(reference, stage.free[k].name) for k in spared}
-                trial = self.solve(tire.with_coefficients(**back), fewer, stage.outputs, rows, once)
-                if all(new <= 1.01 * old for new, old in zip(noise(trial[1]), noise(stage), strict=True)):
-                    better = trial
+                found = self.solve(tire.with_coefficients(**back), fewer, stage.outputs, rows, _AGAIN)
+                if accepted(found[1], stage):
+                    tire, stage = found
                     break
-            if better is None:
+            else:
                 break
-            tire, stage = better
         return tire, stage
 
     def contradicted(self, tire: MagicFormulaTire, output: str) -> str:
@@ -302,7 +306,7 @@ class _Job:
 
     def solve(
         self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray, effort: Effort
-    ) -> tuple[MagicFormulaTire, FittedStage]:
+    ) -> Found:
         """One stage: the tire with the free coefficients that fit the outputs best on some rows."""
         n = int(rows.sum()) * len(outputs)
         if n <= len(free):
@@ -314,9 +318,8 @@ class _Job:
         now = np.array([scaled(f, getattr(tire.coefficients, f.name)) for f in free])
         box = np.array([[scaled(f, f.low), scaled(f, f.high)] for f in free])
         starts = np.vstack([now[None], draw(box[:, 0], box[:, 1], effort.starts - 1, self.rng, share=1.0)])
-        solution = multistart(problem, low, high, np.clip(starts, -1, 1), effort)
-        values = {f.name: unscaled(f, z) for f, z in zip(free, solution.theta, strict=True)}
-        return tire.with_coefficients(**values), FittedStage(free, outputs, solution, problem)
+        stage = FittedStage(free, outputs, multistart(problem, low, high, np.clip(starts, -1, 1), effort), problem)
+        return tire.with_coefficients(**coefficients(stage, stage.solution.theta)), stage
 
     def _regression(
         self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray
@@ -354,9 +357,7 @@ class _Job:
         """Estimates, covariance and warnings of all stages together."""
         names = tuple(f.name for stage in stages for f in stage.free)
         half = np.array([(f.upper - f.lower) / 2 for stage in stages for f in stage.free])
-        values = np.concatenate(
-            [[unscaled(f, z) for f, z in zip(s.free, s.solution.theta, strict=True)] for s in stages]
-        )
+        values = np.concatenate([list(coefficients(s, s.solution.theta).values()) for s in stages])
         covariance = np.zeros((len(names), len(names)))
         at, sigmas, colours = 0, [], []
         for stage in stages:
@@ -366,11 +367,14 @@ class _Job:
             sigmas += noise(stage)
             colours.append(colour)
         covariance *= np.outer(half, half)
-        metadata = self.settings.start.coefficients.metadata()
         ends = 1.96 * np.sqrt(np.maximum(np.diag(covariance), 0))
+        wanted = np.maximum(ends, [self.reach.get(name, 0.0) for name in names])
+        wider = np.divide(wanted, ends, out=np.ones(len(ends)), where=ends > 0)
+        covariance, ends = covariance * np.outer(wider, wider), wanted
+        metadata = self.settings.start.coefficients.metadata()
         vague = [n for n, v, e in zip(names, values, ends, strict=True) if not e <= max(abs(v), 1e-3)]
         edge = [f.name for s in stages for f, z in zip(s.free, s.solution.theta, strict=True) if abs(z) > 1 - 1e-4]
-        said = list(self.notes)
+        said = [*self.notes, *self.open]
         if vague:
             said.append(
                 f"the data do not determine {len(vague)} of {len(names)} coefficients ({', '.join(vague)}): their 95 % "

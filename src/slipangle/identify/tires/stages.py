@@ -88,6 +88,11 @@ def robust_covariance(stage: FittedStage) -> tuple[np.ndarray, str]:
     return spread, text
 
 
+def coefficients(stage: FittedStage, theta: np.ndarray) -> dict[str, Any]:
+    """Coefficients of a stage from their scaled values."""
+    return {f.name: unscaled(f, z) for f, z in zip(stage.free, theta, strict=True)}
+
+
 def undetermined(stage: FittedStage) -> list[int]:
     """Which coefficients have a 95 % interval wider than their value, the widest first."""
     std = np.sqrt(np.maximum(np.diag(robust_covariance(stage)[0]), 0.0))
