@@ -202,6 +202,7 @@ WARNS = {
         ),
     ),
     "identify/judge/validate.py": (1, ("whether the model was fitted to some of these data cannot be told",)),
+    "identify/excitation.py": (1, ("hold the same samples, which then count twice",)),
     "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),
     "identify/networks/estimator.py": (1, ("training diverged before epoch", "training starts from random weights")),
     "identify/networks/joint.py": (1, ("never improved on the physics it started from",)),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from slipangle.data.dataset import Dataset
-from slipangle.errors import ExcitationError, IdentifiabilityWarning, MissingColumnError, TooShortError
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, MissingColumnError, ModelWarning, TooShortError
 from slipangle.identify import excitation
 from slipangle.identify.excitation import nearly_dependent, require_identifiable, require_independent
 from slipangle.identify.linear.arx import ARX
@@ -118,3 +118,14 @@ def test_without_an_offset_means_tell_inputs_apart():
     assert nearly_dependent(data, offset=False) == ()
     with pytest.raises(ExcitationError, match="combinations of u"):
         require_independent(data)
+
+
+def test_samples_that_come_twice_are_named_and_make_intervals_too_narrow():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(400)
+    y = lfilter([0.0, 0.5], [1.0, -0.8], u) + 0.3 * rng.standard_normal(400)
+    once, other = (Dataset.from_arrays({"u": u[k]}, {"y": y[k]}, 0.1) for k in (slice(0, 200), slice(200, 400)))
+    std = ARX(na=1, nb=1).fit(join(once, other)).fit_info.std
+    with pytest.warns(ModelWarning, match="experiments 1 and 3 of .* hold the same samples, which then count twice"):
+        twice = ARX(na=1, nb=1).fit(join(once, other, once, other)).fit_info.std
+    assert np.mean(twice / std) < 0.85

@@ -1,5 +1,6 @@
 """Which recording each experiment is of, where one data set holds several."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -28,7 +29,10 @@ def repeated(parts: Mapping[int, Dataset], names: Sequence[str]) -> list[tuple[i
     """Records, each with an earlier one that has the same samples of the channels ``names``, and no constant."""
     seen: dict[bytes, int] = {}
     pairs = []
+    lengths = Counter(part.n_samples for part in parts.values())
     for k, part in parts.items():
+        if lengths[part.n_samples] == 1:
+            continue
         table = part.columns(tuple(names))
         if not np.ptp(table, axis=0).any():
             continue

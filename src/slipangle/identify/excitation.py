@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
+from slipangle.data.recordings import repeated
+from slipangle.errors import ExcitationError, MissingColumnError, ModelWarning, TooShortError
 
 CHUNK = 1 << 15  # samples whose copy stays in the cache
 _NEARLY = 0.99  # correlation from which inputs are said to move alike
@@ -17,7 +20,8 @@ _DUST = 1e-15  # a signal in SI units that reaches no further does not move
 def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[str, ...] | None = None) -> None:
     """Raise unless the data have inputs, outputs, movement and enough samples.
 
-    Raises MissingColumnError, ExcitationError, TooShortError with the channel or the count at fault.
+    Raises MissingColumnError, ExcitationError, TooShortError with the channel or the count at fault. Warns with
+    ModelWarning where two experiments hold the same samples.
 
     There are ``n_parameters`` per output. ``scheduling`` is given for physics: inputs, such as v_x, that need not move,
     and one moving other input is enough. By default every input must move.
@@ -47,6 +51,16 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
         raise ExcitationError(
             f"the {role} '{name}' of '{data.name}' {seen} over {data.n_samples} samples; "
             "expected a signal that moves: use a stretch of the log with excitation or leave the channel out"
+        )
+    copies = repeated(dict(enumerate(data.experiments, 1)), (*data.inputs, *data.outputs))
+    if copies:
+        first, again = copies[0]
+        others = f", as do {len(copies) - 1} more pairs" if len(copies) > 1 else ""
+        warnings.warn(
+            f"experiments {first} and {again} of '{data.name}' hold the same samples, which then count twice{others}: "
+            "intervals are too narrow; expected each once: leave one out",
+            ModelWarning,
+            stacklevel=4,
         )
 
 

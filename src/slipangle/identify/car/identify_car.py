@@ -181,8 +181,8 @@ class WholeCar(Checked):
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
-            if weight:
-                warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
+            told_once = ".*" if weight else ".* hold the same samples"  # below, and by a doubt
+            warnings.filterwarnings("ignore", told_once, ModelWarning)
             start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             linear = partial(_linear, start, own or (), elsewhere)

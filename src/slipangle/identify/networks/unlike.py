@@ -13,7 +13,7 @@ _SHARE = 0.25  # of the samples that is held out
 
 
 def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dataset, Dataset]:
-    """The data without one kind of manoeuvre, and that kind: a quarter of the samples.
+    """The data without one kind of manoeuvre, and that kind: a quarter of the samples, as near as stretches allow.
 
     Each stretch is described by the RMS of every signal, over how much these differ between the stretches. What is held
     out is the stretch furthest from the mean of all and those nearest to it. Neighbours in time stay in one piece. Of
@@ -40,7 +40,7 @@ def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dat
     furthest = int(np.argmax(np.linalg.norm(features - features.mean(axis=0), axis=1)))
     order = np.argsort(np.linalg.norm(features - features[furthest], axis=1), kind="stable")
     lengths = np.array([b - a for a, b in spans])
-    out = order[: max(1, int(np.searchsorted(np.cumsum(lengths[order]), _SHARE * data.n_samples, side="right")))]
+    out = order[: 1 + int(np.argmin(np.abs(np.cumsum(lengths[order]) - _SHARE * data.n_samples)))]
     held = np.zeros(data.n_samples, dtype=bool)
     for i in out:
         held[slice(*spans[i])] = True

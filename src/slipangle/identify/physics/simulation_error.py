@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares as trust_region
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.physics.forward import forward
 from slipangle.models.ode import Parametrised
@@ -143,7 +144,9 @@ class FreeRunProblem:
         if varied is None:
             if len(self._varied) >= _KEPT:
                 self._varied.clear()
-            varied = self.model.with_values(**dict(zip(self.free, values, strict=True)))
+            with warnings.catch_warnings():  # of what is only tried; the model that a fit ends with says so itself
+                warnings.simplefilter("ignore", ModelWarning)
+                varied = self.model.with_values(**dict(zip(self.free, values, strict=True)))
             self._varied[values] = varied
         return varied
 
