@@ -35,6 +35,14 @@ def test_a_kind_of_manoeuvre_is_held_out_whole():
         assert part.t[0] == data.t[int(part["row"][0])]
 
 
+def test_one_odd_stretch_makes_no_kind():
+    data = log()
+    r = data["r"].copy()
+    r[1200:1300] *= 4.0  # much further from the others than the fast ones
+    _, unseen = split_unlike(data, described(data.with_channel("r", r, "rad/s")), 100)
+    assert {k for a in FAST for k in range(a, a + 100)} <= set(unseen["row"].astype(int))
+
+
 def test_experiments_stay_apart_and_short_ones_whole():
     first, second = log(2000), log(150)
     data = join(first, second)

@@ -16,8 +16,9 @@ def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dat
     """The data without one kind of manoeuvre, and that kind: a quarter of the samples, as near as stretches allow.
 
     Each stretch is described by the RMS of every signal, over how much these differ between the stretches. What is held
-    out is the stretch furthest from the mean of all and those nearest to it. Neighbours in time stay in one piece. Of
-    data too short for two stretches, the last quarter is held out.
+    out are those, of all that are nearest to one stretch, whose mean is furthest from the mean of the others: one odd
+    stretch makes no kind. Neighbours in time stay in one piece. Of data too short for two stretches, the last quarter
+    is held out.
 
     Parameters
     ----------
@@ -37,13 +38,16 @@ def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dat
         return data.split(1 - _SHARE)
     features = np.array([np.sqrt(np.mean(signals[a:b] ** 2, axis=0)) for a, b in spans])
     features = features / np.maximum(features.std(axis=0), 1e-9 * features.max(axis=0) + 1e-300)
-    furthest = int(np.argmax(np.linalg.norm(features - features.mean(axis=0), axis=1)))
-    order = np.argsort(np.linalg.norm(features - features[furthest], axis=1), kind="stable")
     lengths = np.array([b - a for a, b in spans])
-    out = order[: 1 + int(np.argmin(np.abs(np.cumsum(lengths[order]) - _SHARE * data.n_samples)))]
-    held = np.zeros(data.n_samples, dtype=bool)
-    for i in out:
-        held[slice(*spans[i])] = True
+    furthest, out = -1.0, np.zeros(len(spans), dtype=bool)
+    for centre in features:
+        order = np.argsort(np.linalg.norm(features - centre, axis=1), kind="stable")
+        count = 1 + int(np.argmin(np.abs(np.cumsum(lengths[order]) - _SHARE * data.n_samples)))
+        kind = np.isin(np.arange(len(spans)), order[: min(count, len(spans) - 1)])
+        apart = float(np.linalg.norm(features[kind].mean(axis=0) - features[~kind].mean(axis=0)))
+        if apart > furthest * (1 + 1e-9):  # else the last bit of a sum would choose
+            furthest, out = apart, kind
+    held = np.repeat(out, lengths)
     return _pieces(data, ~held), _pieces(data, held)
 
 
