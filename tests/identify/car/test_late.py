@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import join
+from slipangle.identify.car import left_over
 from slipangle.identify.car.corrections import SPEED
 from slipangle.identify.car.late import late, with_lateness
 from slipangle.identify.car.sentences import speed
@@ -53,6 +54,15 @@ def test_a_lateral_acceleration_that_is_late_is_too(seconds):
     assert (on_time.sigma < 0.8 * final.sigma).any()
     _, (said,) = with_lateness(final, [], data)
     assert said.startswith("a_y comes 0.")
+
+
+def test_what_the_first_of_its_searches_finds_a_half_of_is_found(monkeypatch):
+    """Lag and place of a sensor that were fitted hide as much, until they are fitted again without."""
+    data, whole = drives(v_y=0.08), left_over.left_over
+    final = fitted(data)
+    assert late(final, data)[0] == pytest.approx(0.08, abs=0.01)
+    monkeypatch.setattr(left_over, "left_over", lambda *of: (0.6 * whole(*of)[0], whole(*of)[1]))
+    assert late(final, data)[0] == pytest.approx(0.08, abs=0.01)
 
 
 def test_a_lateral_acceleration_on_time_is_not_said_to_be_late():

@@ -10,6 +10,7 @@ from slipangle.identify.car.left_over import HOLD, searched
 from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, settling, worth
 
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
+_FIRST = 0.5  # of that, from which a search goes on: lag and place of the sensor stood in for the rest
 _LEAST_AHEAD = 0.02  # s, or a sample, by which a car is ahead of its steering at least; roll makes none
 _NO_DELAY = 1e-4  # s, of the steering, up to which it has none: its bound but for rounding
 
@@ -51,12 +52,12 @@ def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted
         final.free,
         lambda fitted, _: change_of(fitted, name)[:, :, None],
         lambda seconds: earlier(data, float(seconds[0]), name=name),
-        (least, _MOST),
+        (_FIRST * least, _MOST),
     )
     if searching is None:
         return None
     seconds, found = float(searching[0][0]), searching[1]
-    if name == "delta" and seconds - found.values.get("steering_lag", 0.0) < least:
+    if (seconds - found.values.get("steering_lag", 0.0) if name == "delta" else abs(seconds)) < least:
         return None
     shifted = ((f, earlier(data, s, abs(seconds), name)) for f, s in ((final, 0.0), (found, seconds)))
     moved, scatter = change(*(errors(f, d) for f, d in shifted))
