@@ -73,6 +73,7 @@ PLANTED = {
     "swapped": (swapped(), "swapped"),
     "sign of v_y": (changed("v_y", np.negative), "v_y moves against r at low speed"),
     "v_y in km/h": (changed("v_y", lambda v: 3.6 * v), "logged in km/h or another unit"),
+    "v_y sensor turned": (changed("v_y", lambda v: v + 0.03 * clean()["v_x"]), "turned by 1.7 deg; subtract"),
     "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
     "side slip angle": (changed("v_y", lambda v: np.arctan2(v, clean()["v_x"])), "v_y moves as a side slip angle does"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
@@ -248,6 +249,22 @@ def test_a_sound_log_raises_no_doubt():
 def test_at_one_speed_an_offset_of_the_yaw_rate_is_not_told_from_one_of_the_steering(speed):
     data = drive(speed, 1)
     assert doubts(data.with_channel("r", data["r"] + 0.2, "rad/s"), wheelbase=LENGTH) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "offset"), [("r", 0.06), ("r", -0.06), ("v_y", 0.5), ("delta", 0.02)], ids=["r", "-r", "v_y", "delta"]
+)
+def test_an_offset_turns_no_sensor_of_v_y(name, offset):
+    """One of r, up to what a fit corrects, is slip that grows with speed as an angle of the sensor does."""
+    assert doubts(changed(name, lambda x: x + offset), wheelbase=LENGTH) == ()
+
+
+@pytest.mark.parametrize("bank", [0.03, -0.03])
+def test_a_banked_road_turns_no_sensor_of_v_y(bank):
+    """Its rear tires slip by bank g over what they hold per radian, 100 m/s2 here."""
+    data = clean()
+    slipped = data.with_channel("v_y", data["v_y"] - 9.81 * bank / 100.0 * data["v_x"], "m/s")
+    assert doubts(slipped, wheelbase=LENGTH) == ()
 
 
 def test_an_offset_of_the_steering_is_none_of_the_yaw_rate():

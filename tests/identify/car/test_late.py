@@ -1,4 +1,4 @@
-"""A lateral velocity that is logged late, as from GPS beside a gyro: said with its time, counted in the intervals."""
+"""Channels that are logged late, as v_y from GPS beside a gyro: said with its time, counted in the intervals."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import join
+from slipangle.identify.car import left_over
 from slipangle.identify.car.corrections import SPEED
 from slipangle.identify.car.late import late, with_lateness
 from slipangle.identify.car.sentences import speed
@@ -55,6 +56,15 @@ def test_a_lateral_acceleration_that_is_late_is_too(seconds):
     assert said.startswith("a_y comes 0.")
 
 
+def test_what_the_first_of_its_searches_finds_a_half_of_is_found(monkeypatch):
+    """Lag and place of a sensor that were fitted hide as much, until they are fitted again without."""
+    data, whole = drives(v_y=0.08), left_over.left_over
+    final = fitted(data)
+    assert late(final, data)[0] == pytest.approx(0.08, abs=0.01)
+    monkeypatch.setattr(left_over, "left_over", lambda *of: (0.6 * whole(*of)[0], whole(*of)[1]))
+    assert late(final, data)[0] == pytest.approx(0.08, abs=0.01)
+
+
 def test_a_lateral_acceleration_on_time_is_not_said_to_be_late():
     data = drives(("r", "a_y"))
     assert with_lateness(fitted(data), [], data) == ([], [])
@@ -73,3 +83,24 @@ def test_sensors_on_time_are_not_said_to_be_late_nor_a_speed_that_explains_no_mo
     assert late(final, data) is None
     assert speed(final, [(replace(other, sigma=0.999 * final.sigma), 1.0)]) == []
     assert len(speed(final, [(replace(other, sigma=0.9 * final.sigma), 1.0)])) == 1
+
+
+def test_a_steering_that_is_logged_late_is_said_and_counted():
+    """The car answers before delta moves; from v_y and r alone its inertia came out at a half."""
+    seconds = 0.1
+    data = drives(delta=seconds)
+    final = fitted(data)
+    found, on_time = late(final, data, "delta")
+    assert found == pytest.approx(seconds, abs=0.01)
+    assert on_time.values["inertia_z"] == pytest.approx(TRUE["inertia_z"], rel=0.05)
+    assert not final.values["inertia_z"] == pytest.approx(TRUE["inertia_z"], rel=0.3)
+    others, (said,) = with_lateness(final, [], data)
+    assert [share for _, share in others] == [1.0]
+    assert float(said.removeprefix("delta comes ").split(" s behind r")[0]) == pytest.approx(seconds, abs=0.01)
+
+
+@pytest.mark.parametrize("behind", [{}, {"r": 0.1, "v_y": 0.1}])
+def test_a_steering_that_acts_at_once_or_late_is_not_said_to_be_logged_late(behind):
+    data = drives(**behind)
+    assert late(fitted(data), data, "delta") is None
+    assert with_lateness(fitted(data, "delay_delta"), [], data) == ([], [])

@@ -11,9 +11,10 @@ import pytest
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car import corrections as corrections_module
 from slipangle.identify.car import structures
-from slipangle.identify.car.corrections import corrections
+from slipangle.identify.car.corrections import RATE, corrections
+from slipangle.identify.car.effects import believed, told
 from slipangle.identify.car.sentences import sensors, unsettled
-from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
+from slipangle.identify.car.structures import STIFF, Stage, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 
@@ -112,6 +113,29 @@ def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_la
     assert before.values["steering_lag"] > 0.06
     assert after.sigma[0] < 0.6 * before.sigma[0]
     assert limit.adds_nothing_to((*STIFF, "steering_gain"), ())  # wheels that are not late are not slow
+
+
+def test_a_largest_rate_that_the_steering_hardly_asks_for_is_none_and_is_taken_back():
+    """One was kept that lane changes asked for by a twentieth more, in place of a lag of another shape."""
+    data = join(*(servo(seed, 1.5) for seed in range(4)))
+    late, limit = (
+        next(c for c in corrections(data, KNOWN["wheelbase"], ()) if n in c.free)
+        for n in ("steering_lag", "steering_rate")
+    )
+    before = corrected(fit(GUESS, (*STIFF, "steering_offset", "steering_gain"), data), late, data)
+    slow = corrected(before, limit, data)
+    hardly = replace(slow, model=slow.model.with_values(steering_rate=15.0))  # as sharp, of leaps of 20 rad/s
+    stages = [
+        Stage(correction=said, kept=True, error=np.ones(1), change=-0.1, values=f.values)
+        for said, f in (("late", before), ("slow", slow))
+    ]
+    assert told(slow, RATE) > 1 > told(hardly, RATE)
+    assert believed(slow, stages, data) == (slow, stages)
+    found, left = believed(hardly, stages, data)
+    assert "steering_rate" not in found.names
+    assert found.model.value("steering_rate") == np.inf
+    assert found.values["steering_lag"] == pytest.approx(before.values["steering_lag"], rel=0.02)
+    assert [stage.kept for stage in left] == [True, False]
 
 
 @pytest.mark.parametrize(("step", "doubted"), [(0.02, False), (0.2, True)])

@@ -39,6 +39,7 @@ _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _IN = 0.1  # wheelbases from the rear axle, beyond which a place is not zero
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
 _ZERO = 0.09  # rad/s, offset of r that a fit hardly reaches
+_TURNED = 0.01  # rad, by which a v_y sensor is turned at least: banked roads and side wind make half of it
 _BEYOND = 80.0  # m/s2 of v_x r, more than any car with wings has
 _CHANGES = "v_x or r is in another unit, if only over a part of the log; look at both over time"
 _ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
@@ -281,25 +282,31 @@ def _over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
-    """A sentence on an offset of r beyond what a fit corrects: what delta, v_x and understeer do not explain.
+    """A sentence on an offset of r beyond what a fit corrects, see `_offset`."""
+    value, error = _offset(smooth, drives)
+    if abs(value) < max(_ZERO, 5 * error):
+        return []
+    return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
+
+
+def _offset(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[float, float]:
+    """What delta, v_x and understeer do not explain of r, and its standard error; infinite at one speed. [rad/s]
 
     An offset of the steering counts for more the faster the car is, one of the sensor does not. Understeer grows with
     the square of the lateral acceleration, as that of tires near their limit does: a track that turns one way would
     else leave it for an offset. How late the car is counts as in `_asked`.
     """
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
-    if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
-        return []
     value, error = 0.0, np.inf
+    if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
+        return value, error
     for _ in range(_ANEW):  # understeer is that of the motion, without the offset
         true = r - value
         table = np.column_stack(
             [v * delta, v * v * true, v, np.ones(len(v)), rate_of(r, drives), v * (v * true) ** 3, r]
         )
         value, error = coefficient(by_blocks(table, drives), 3)
-    if abs(value) < max(_ZERO, 5 * error):
-        return []
-    return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
+    return value, error
 
 
 def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
@@ -310,6 +317,12 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     v = smooth["v_x"]
     if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
         return []
+    turned = _turned(smooth, drives)
+    if turned:
+        return [
+            f"v_y is {turned:.2g} of v_x on a straight: its sensor is turned by {np.rad2deg(turned):.2g} deg; subtract "
+            "that share of v_x from it"
+        ]
     squares, told = _slips(smooth, drives)
     if _is_angle(smooth, drives, wheelbase, told):
         return [
@@ -328,6 +341,19 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
             "logged in km/h or another unit; declare it"
         ]
     return []
+
+
+def _turned(smooth: dict[str, np.ndarray], drives: np.ndarray) -> float:
+    """Angle by which the v_y sensor is turned to the left of straight ahead, with its sign; 0 where none shows. [rad]
+
+    It reads a share of the speed, beside an offset of its own and what `_slips` has, of r without its offset, which
+    would make slip; that grows as understeer in `_offset`.
+    """
+    (zero, sure), v, v_y = _offset(smooth, drives), smooth["v_x"], smooth["v_y"]
+    r = smooth["r"] - (zero if abs(zero) > _CERTAIN * sure else 0.0)
+    steady = r, -r * v * v, v * rate_of(r, drives), -v * rate_of(v_y, drives), v * (v * r) ** 3
+    value, error = coefficient(by_blocks(np.column_stack([v, *steady, np.ones(len(v)), v_y]), drives))
+    return value if abs(value) > max(_TURNED, 5 * error) else 0.0
 
 
 def _is_angle(smooth: dict[str, np.ndarray], drives: np.ndarray, wheelbase: float, told: float) -> bool:

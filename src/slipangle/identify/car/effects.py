@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, RATE, REAR, SLOW, SPEED, Correction
-from slipangle.identify.car.structures import AS_GOOD, ELSEWHERE, Fitted, change, corrected, errors, fit
+from slipangle.identify.car.structures import (
+    AS_GOOD,
+    ELSEWHERE,
+    Fitted,
+    Stage,
+    change,
+    corrected,
+    errors,
+    fit,
+    free_runs,
+)
 from slipangle.identify.car.uncertainty import covariance
 
 _LEAST = 0.1  # of an axle's load at rest, the least that downforce adds in fast driving
 _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
 _AWAY = 0.1  # by how much farther from the given one, as a logarithm, a locked axle may move the steering's gain
 _SHARP = 0.05  # half of the steering's largest rate's interval, over it, at most
+_SLOWED = 0.05  # of what the outputs move by, the least that such a rate changes
+_NO_LIMIT = 1e6  # rad/s, of a steering's rate
+_NONE_OF = {DOWNFORCE: 0.0, LOCKED: 0.0, RATE: np.inf}  # what an effect is where there is none
 _SCALES = {SPEED: 0.03, REAR: 0.1}  # of a logged speed or angle, the least by which one is said to be wrong
 _DOES = {"drive_rear": "drives", "brake_rear": "slows"}  # the car, by that share of it on the rear wheels
 _TELLING = 0.5  # wider than which the interval of such a share tells nothing
@@ -29,9 +44,10 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     """How far the effect of the parameters ``names`` is beyond what stands in for something else, 1 where it just is.
 
     Downforce adds a tenth to an axle's load in fast driving, as wings do, a locked axle a tenth to the yaw damping, and
-    stretches of unlike speed and size agree that there is some. A largest rate of the steering is sharp, else it stands
-    in for a lag of another shape. A speed is wrong by a few percent or more, rear wheels by a tenth. Lift of that size
-    has no car that is driven so fast: it is what roads and drivers do with speed.
+    stretches of unlike speed and size agree that there is some. A largest rate of the steering is sharp and changes the
+    outputs by a twentieth, else it stands in for a lag of another shape. A speed is wrong by a few percent or more,
+    rear wheels by a tenth. Lift of that size has no car that is driven so fast: it is what roads and drivers do with
+    speed.
     """
     if names not in (DOWNFORCE, LOCKED, RATE, *_SCALES):
         return _ANY
@@ -41,12 +57,33 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     elif names == LOCKED:
         size = np.array([fitted.model.ode.params.locked_share / _RESISTS])
     elif names == RATE:
-        size = _SHARP * fitted.values[RATE[0]] / np.maximum(_SURE[0] * std, 1e-300)
+        sharp = _SHARP * fitted.values[RATE[0]] / np.maximum(_SURE[0] * std, 1e-300)
+        size = np.minimum(sharp, _slowed(fitted) / _SLOWED)
     else:
         size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
     none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED else _SURE
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
     return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
+
+
+def _slowed(fitted: Fitted) -> float:
+    """By how much a largest rate of the steering changes the outputs, over what they move by: the most of any. [-]"""
+    data, fast = fitted.problem.data, fitted.model.with_values(**dict.fromkeys(RATE, _NO_LIMIT))
+    slow, fast = (np.concatenate([run for run, _ in free_runs(f, data)]) for f in (fitted, replace(fitted, model=fast)))
+    return float(np.max(np.std(slow - fast, axis=0) / np.maximum(np.std(slow, axis=0), 1e-300)))
+
+
+def believed(final: Fitted, stages: list[Stage], data: Dataset) -> tuple[Fitted, list[Stage]]:
+    """A last fit without effects that are none, and the stages: what a part of the log told, all of it may not."""
+    stages = [*stages]
+    for names, none in _NONE_OF.items():
+        if {*names} <= {*final.free} and told(final, names) < 1.0:
+            left = tuple(n for n in final.free if n not in names)
+            without = final.model.with_values(**dict.fromkeys(names, none))
+            final = fit(without, left, data, final, own=final.own, last=True)
+            at = next(i for i, stage in enumerate(stages) if stage.kept and {*names} <= {*stage.values})
+            stages[at] = replace(stages[at], kept=False)
+    return final, stages
 
 
 def turned_away(first: Fitted, before: Fitted, after: Fitted) -> bool:

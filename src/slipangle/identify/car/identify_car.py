@@ -24,7 +24,7 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
-from slipangle.identify.car.effects import extrapolated, in_words, others_as_good, told, turned_away
+from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good, told, turned_away
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
 from slipangle.identify.car.rack import with_rack
@@ -174,22 +174,22 @@ class WholeCar(Checked):
         began, own = time.perf_counter(), self._own
         self._check(data)
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
-        outputs = self._outputs(data)
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
-        logged = data.select(inputs=inputs, outputs=outputs)
+        logged = data.select(inputs=inputs, outputs=self._outputs(data))
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
             told_once = ".*" if weight else ".* hold the same samples"  # below, and by a doubt
             warnings.filterwarnings("ignore", told_once, ModelWarning)
-            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, added=inputs)
+            start = first_guess(**known, dt=data.dt, outputs=logged.outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             linear = partial(_linear, start, own or (), elsewhere)
             suspect = doubts_with_rear(turned, self.wheelbase, linear, whole)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(linear(whole.train), tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
+            final, stages = believed(final, stages, whole.all)
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, stretches(logged, self.wheelbase).all)

@@ -1,4 +1,4 @@
-"""Whether v_y, a_y or v_x is logged later than the yaw rate, or earlier, as the motion of the car tells."""
+"""Whether v_y, a_y or v_x is logged later than the yaw rate, or earlier, and delta later than the wheels turn."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from slipangle.identify.car.left_over import HOLD, searched
 from slipangle.identify.car.structures import Fitted, Others, change, errors, free_runs, settling, worth
 
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
+_FIRST = 0.5  # of that, from which a search goes on: lag and place of the sensor stood in for the rest
+_LEAST_AHEAD = 0.02  # s, or a sample, by which a car is ahead of its steering at least; roll makes none
+_NO_DELAY = 1e-4  # s, of the steering, up to which it has none: its bound but for rounding
 
 
 def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
@@ -19,15 +22,16 @@ def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others,
     explains a part of that, is none of the structures.
     """
     said = []
-    for name in ("v_y", "a_y", "v_x"):
+    for name in ("v_y", "a_y", "v_x", "delta"):
         found = late(final, data, name)
         if found is None:
             continue
         seconds, on_time = found
         behind, before = (name, "r") if seconds > 0 else ("r", name)
+        taken = " by that, and by what the steering itself takes" if name == "delta" else ""
         said.append(
-            f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late; "
-            f"shift it, or take another sensor; {HOLD}"
+            f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late"
+            f"{taken}; shift it, or take another sensor; {HOLD}"
         )
         others = [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)]
     return others, said
@@ -36,24 +40,35 @@ def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others,
 def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted] | None:
     """How late a channel is, negative if early [s], and the fit to it on time; None where it is not, or not there.
 
-    A speed is asked where braking was found to shift loads: else its being late would stand in for that.
+    A speed is asked where braking was found to shift loads: else its being late would stand in for that. A steering may
+    be late, not early, which is its delay; beside a lag of its own, which can be as long, by more than that.
     """
-    if not ({*LOADS} <= {*final.free} if name == "v_x" else name in final.model.outputs):
+    if not _asked(final, name):
         return None
+    least = max(_LEAST_AHEAD, final.model.dt) if name == "delta" else _LEAST
     change_of = _of_the_output if name in final.model.outputs else _of_the_input
     searching = searched(
         final,
         final.free,
         lambda fitted, _: change_of(fitted, name)[:, :, None],
         lambda seconds: earlier(data, float(seconds[0]), name=name),
-        (_LEAST, _MOST),
+        (_FIRST * least, _MOST),
     )
     if searching is None:
         return None
     seconds, found = float(searching[0][0]), searching[1]
+    if (seconds - found.values.get("steering_lag", 0.0) if name == "delta" else abs(seconds)) < least:
+        return None
     shifted = ((f, earlier(data, s, abs(seconds), name)) for f, s in ((final, 0.0), (found, seconds)))
     moved, scatter = change(*(errors(f, d) for f, d in shifted))
     return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None
+
+
+def _asked(final: Fitted, name: str) -> bool:
+    """Whether a channel may be late, as far as what was found before tells."""
+    if name == "delta":
+        return "delay_delta" not in final.own and final.values.get("delay_delta", 0.0) < _NO_DELAY
+    return {*LOADS} <= {*final.free} if name == "v_x" else name in final.model.outputs
 
 
 def _of_the_output(fitted: Fitted, name: str) -> np.ndarray:
