@@ -205,6 +205,36 @@ def test_channels_are_drawn_in_degrees_and_kilometres_an_hour(results):
     assert over_time.data[0].y == pytest.approx(np.full(len(results["run"].t), np.degrees(0.1)), rel=1e-5)
 
 
+def test_an_output_has_the_unit_of_the_data_not_that_of_its_name():
+    """An r in metres is drawn and told in metres, what the nomenclature has not in its own unit."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = np.convolve(u, 0.5 ** np.arange(20))[:300] + 0.1 * rng.standard_normal(300)
+    data = sa.Dataset.from_arrays(
+        {"u": u}, {"r": y, "U": rng.standard_normal(300) - y}, 0.02, units={"r": "m", "U": "V"}
+    )
+    train, test = data.split(0.5)
+    model = sa.ARX(na=1, nb=1).fit(train)
+    verdict, ranking, run = sa.validate(model, test), sa.compare({"a": model}, test), model.simulate(test)
+    folds = sa.cross_validate(sa.ARX(na=1, nb=1), data, folds=2)
+    for result in (verdict, ranking, run):
+        drawn = result.plot("r")
+        assert drawn.layout.yaxis.title.text.endswith("[m]")
+        assert np.asarray(drawn.data[0].y, dtype=float) == pytest.approx(test["r"], rel=1e-5, abs=1e-6)
+        assert result.plot("U").layout.yaxis.title.text.endswith("[V]")
+    for result in (verdict, ranking, folds):
+        assert {row[-1].split()[1] for row in table(result).texts()} == {"m", "V"}
+    assert [row[2] for row in table(run).texts()] == ["m", "V"]
+
+
+def test_scores_are_read_in_degrees_as_figures_are(results):
+    told = table(results["verdict"])
+    assert told.columns[-1].heading == "RMSE [deg/s]"
+    assert told.rows[0].cells[-1] == pytest.approx(np.degrees(results["verdict"].free_run_scores["r"].rmse))
+    with sa.units.shown_in_si():
+        assert table(results["verdict"]).columns[-1].heading == "RMSE [rad/s]"
+
+
 @pytest.mark.parametrize(
     ("name", "asked", "said"),
     [

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NoReturn, final
 import casadi as ca
 import numpy as np
 
+from slipangle.data.channels import STANDARD
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.equal import Equal
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
@@ -235,6 +236,8 @@ class Trajectory(Shown):
         First row of each experiment.
     astray : dict of str to str
         A sentence for each output whose prediction leaves any plausible range of the data.
+    units : tuple of str
+        Units of the outputs, as the data have them.
     """
 
     t: np.ndarray
@@ -245,6 +248,7 @@ class Trajectory(Shown):
     kind: str = "free run"
     starts: tuple[int, ...] = field(default=(0,))
     astray: dict[str, str] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
 
     def _words(self) -> str:
         return f"{self.kind} of {', '.join(self.outputs)}, {int(self.predicted.sum())} samples predicted"
@@ -257,6 +261,12 @@ class Trajectory(Shown):
     def channel(self, name: str) -> np.ndarray:
         """Predicted samples of one output."""
         return self.y[:, self.outputs.index(name)]
+
+    def unit(self, name: str) -> str:
+        """Unit of one output; of a run that names none that of the nomenclature, "-" for other names."""
+        if self.units:
+            return self.units[self.outputs.index(name)]
+        return STANDARD[name].unit if name in STANDARD else "-"
 
 
 def without_caches(thing: Any) -> dict[str, Any]:
@@ -511,6 +521,7 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
         what = kind if kind == "free run" else f"{kind} prediction"
         same: dict[str, Any] = {"t": data.t, "outputs": self.outputs, "starts": data.starts}
         said = astray(y, measured, seen=seen, what=what, **same)
+        same["units"] = tuple(data.unit(name) for name in self.outputs)
         return Trajectory(y=y, measured=measured, predicted=mask, kind=kind, astray=said, **same)
 
 

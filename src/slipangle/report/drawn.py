@@ -80,7 +80,7 @@ def _runs(runs: dict[str, Trajectory], outputs: Sequence[str], names: Sequence[s
         raise ParameterError(f"{len(names)} outputs for one figure; expected one of {', '.join(outputs)}")
     _one_of(names, outputs, "output")
     name = (*names, *outputs)[0]
-    factor, unit = read_in(name, UNITS.get(name, "-"))
+    factor, unit = read_in(name, next(iter(runs.values())).unit(name) if runs else "-")
     scaled = {
         label: Trajectory(**{**vars(t), "y": factor * t.y, "measured": factor * t.measured})
         for label, t in runs.items()
