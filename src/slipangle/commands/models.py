@@ -155,7 +155,7 @@ def _compare(options: argparse.Namespace) -> Answer:
 
     if options.out:
         check_output(options.out)
-    (_, opening, test), start = _parts(options)
+    (train, opening, test), start = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         loaded = load_models(options.models)
         models, read = _of_the_day(loaded, opening)
@@ -165,7 +165,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         if options.out:
             target = Path(options.out) / "index.html"
             before = replaced(target)
-            page = comparison_page(result, test, command=options.said).write(target)
+            page = comparison_page(result, test, train=train, command=options.said).write(target)
     rows = [
         {"model": e.name}
         | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
