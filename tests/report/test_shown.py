@@ -167,6 +167,37 @@ def test_a_log_has_a_panel_for_each_channel(results):
     assert drawn.layout.yaxis2.title.text == "r [rad/s]"
 
 
+def test_no_line_is_drawn_where_a_log_has_no_samples(tmp_path):
+    """A stop of 4 s and a channel's empty cells are holes in its line, cells that stand are joined."""
+    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(9, 12, 0.01)])
+    x = [f"{np.sin(v):.6f}" for v in t]
+    x[100:130] = [""] * 30
+    rows = "".join(f"{v:.2f},{v:.2f},{w}\n" for v, w in zip(t, x, strict=True))
+    (tmp_path / "stops.csv").write_text("time [s],<b>a,x [m]\n" + rows)
+    drawn = sa.open_log(tmp_path / "stops.csv").plot("<b>a", "x")
+    assert [trace.name for trace in drawn.data] == ["&lt;b&gt;a", "x"]
+    for trace, holes in zip(drawn.data, ([(4.99, 9.0)], [(0.99, 1.3), (4.99, 9.0)]), strict=True):
+        when, value = np.asarray(trace.x, dtype=float), np.asarray(trace.y, dtype=float)
+        empty = np.flatnonzero(np.isnan(value))
+        assert [(when[k - 1], when[k + 1]) for k in empty] == [pytest.approx(hole, abs=1e-9) for hole in holes]
+        joined = np.diff(when)[np.isfinite(value[1:]) & np.isfinite(value[:-1])]
+        assert joined.max() < 0.011
+
+
+def test_a_figure_says_what_it_leaves_out(tmp_path):
+    names = [f"c{k}" for k in range(9)]
+    rows = "".join(f"{0.1 * k:.1f}{f',{k}' * 9}\n" for k in range(20))
+    (tmp_path / "wide.csv").write_text(f"time [s],{','.join(names)}\n{rows}")
+    recording = sa.open_log(tmp_path / "wide.csv")
+    assert "6 of 10 channels" in recording.plot().layout.xaxis6.title.text
+    assert recording.plot("c1", "c2").layout.xaxis2.title.text == "time [s]"
+
+
+def test_nothing_seen_in_a_log_is_said(results):
+    assert sa.inspect(results["data"]).plot().layout.annotations[0].text == "no spikes, jumps or standstills"
+    assert not results["inspected"].plot().layout.annotations
+
+
 def test_a_plan_is_drawn_as_it_is_held(results):
     plan = results["plan"]
     drawn = plan.plot("delta").data[0]
