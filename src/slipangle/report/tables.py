@@ -141,29 +141,41 @@ class Table:
         console = Console(file=stream, width=width, color_system=None, highlight=False, emoji=False, markup=False)
         console.print(self.to_rich())
         lines = [line.rstrip() for line in stream.getvalue().splitlines()]
-        first = [texts[0] if texts else "" for texts in self.texts()]
-        lines += [f"warning: {sentence}" for sentence in self.warnings]
-        lines += [f"{name}: {row.note}" for name, row in zip(first, self.rows, strict=True) if row.note]
+        lines += self._remarks()
         commands = [self.command, *(row.command for row in self.rows)]
         lines += [f"$ {command}" for command in dict.fromkeys(commands) if command]
         return "\n".join(lines).strip("\n") + "\n"
 
+    def _remarks(self) -> list[str]:
+        """Warnings and what is noted of single rows, a line each."""
+        lines = [f"warning: {' '.join(sentence.split())}" for sentence in self.warnings]
+        names = [texts[0] if texts else "" for texts in self.texts()]
+        notes = [
+            f"{name}: {' '.join(row.note.split())}" for name, row in zip(names, self.rows, strict=True) if row.note
+        ]
+        return lines + notes
+
     def to_markdown(self) -> str:
-        """The table as Markdown: title, rows, explanation."""
+        """The table as Markdown: title, rows, explanation, warnings, notes."""
         rule = [":--" if c.words else "--:" for c in self.columns]
         rows = [[c.heading for c in self.columns], rule, *self.texts()]
         lines = ["| " + " | ".join(t.replace("|", "\\|") for t in row) + " |" for row in rows]
-        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.caption] if self.caption else [])]) + "\n"
+        under = [t for text in (self.caption, *self._remarks()) if text for t in ("", text)]
+        return "\n".join([f"**{self.title}**", "", *lines, *under]) + "\n"
 
     def to_latex(self) -> str:
-        r"""The table for LaTeX with ``\usepackage{booktabs}``; text is escaped, exponents and signs are LaTeX's."""
+        r"""The table for LaTeX with ``\usepackage{booktabs}``; text is escaped, exponents and signs are LaTeX's.
+
+        Warnings and notes are comments above it, for its author to decide on.
+        """
         kinds = "".join("l" if c.words else "r" for c in self.columns)
         rows = [" & ".join(map(latex, row)) + r" \\" for row in self.texts()]
         head = " & ".join(latex(c.heading) for c in self.columns) + r" \\"
         inside = [r"\toprule", head, r"\midrule", *rows, r"\bottomrule"]
         inside = [r"\begin{tabular}{" + kinds + "}", *inside, r"\end{tabular}"]
         inside += [r"\caption{" + latex(f"{self.title}. {self.caption}".strip()) + "}"]
-        return "\n".join([r"\begin{table}", r"\centering", *inside, r"\end{table}"]) + "\n"
+        remarks = [f"% {line}" for line in self._remarks()]
+        return "\n".join([*remarks, r"\begin{table}", r"\centering", *inside, r"\end{table}"]) + "\n"
 
     def _repr_html_(self) -> str:
         return f"<b>{html.escape(self.title)}</b>{self.to_html()}"
