@@ -25,7 +25,7 @@ from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooS
 from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
-from slipangle.numerics.critical import quantile
+from slipangle.numerics.critical import even, quantile
 from slipangle.ops import Vector
 from slipangle.shown import Brief, Shown
 
@@ -116,8 +116,10 @@ class FitInfo(Shown, Equal):
     known_covariance: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
-        half = np.ptp(self.interval(), axis=1) / 2
-        rows = [f"{n} = {v:.4g} ± {h:.2g}" for n, v, h in zip(self.names, self.values, half, strict=True)]
+        rows = [
+            f"{n} = {v:.4g} ± {(b - a) / 2:.2g}" if even(v, a, b) else f"{n} = {v:.4g} ({a:.4g} to {b:.4g})"
+            for n, v, (a, b) in zip(self.names, self.values, self.interval(), strict=True)
+        ]
         more = f" and {len(rows) - 6} more" if len(rows) > 6 else ""
         return f"{', '.join(rows[:6])}{more}; {len(self.warnings)} warnings"
 

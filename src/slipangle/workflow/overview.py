@@ -11,6 +11,7 @@ from slipangle import Validation, report
 from slipangle.control.driver import Driver
 from slipangle.export.controllers import limits_of
 from slipangle.models.model import FitInfo
+from slipangle.numerics.critical import even
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import Block
 from slipangle.report.parameters import doubt, judged, undetermined
@@ -144,7 +145,9 @@ def doubts(name: str, info: FitInfo) -> report.Table:
         factor, unit = read_in(parameter, info.units[k] if info.units else "-")
         said = doubt(info, k, half)
         shown = to_digit(factor * value, factor * half) if abs(value) > 0.01 * half else "0"
-        cells = parameter, shown, f"± {number(factor * half, 2)}", pretty_unit(unit), said
+        low, high = (to_digit(factor * float(end), factor * half) for end in ends[k])
+        width = f"± {number(factor * half, 2)}" if even(value, *ends[k]) else f"{low} to {high}"
+        cells = parameter, shown, width, pretty_unit(unit), said
         rows.append(report.Row(cells, tone=judged(info, k, half)))
     columns = (
         report.Heading("parameter", words=True),
