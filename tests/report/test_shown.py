@@ -1,5 +1,8 @@
 """Results show themselves: a line that fits a terminal, a table for a notebook, a figure of the right channel."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,8 +79,6 @@ def results(tmp_path_factory):
 
 
 def _fitted():
-    from dataclasses import replace
-
     return replace(CAR, fit_info=fit_info())
 
 
@@ -256,6 +257,22 @@ def test_an_output_has_the_unit_of_the_data_not_that_of_its_name():
     for result in (verdict, ranking, folds):
         assert {row[-1].split()[1] for row in table(result).texts()} == {"m", "V"}
     assert [row[2] for row in table(run).texts()] == ["m", "V"]
+
+
+def test_advice_has_units(results):
+    """Widths are read as parameters are: an offset in degrees, stiffness in N/rad."""
+    advice = replace(
+        results["advice"],
+        names=("C_f", "steering_offset"),
+        units=("N/rad", "rad"),
+        present=np.array([9e3, 0.02]),
+        std=np.array([3e3, 0.01]),
+    )
+    assert table(results["advice"]).rows[0].cells[3] == "N/rad"
+    assert [row.cells[1:] for row in table(advice).rows] == [
+        (9e3, 3e3, "N/rad"),
+        (pytest.approx(math.degrees(0.02)), pytest.approx(math.degrees(0.01)), "deg"),
+    ]
 
 
 def test_scores_are_read_in_degrees_as_figures_are(results):

@@ -230,10 +230,13 @@ def _(result: OrderChoice) -> Table:
 @table.register
 def _(result: Advice) -> Table:
     columns = Heading("parameter", words=True), Heading("standard deviation now"), Heading("with it")
-    rows = (Row((n, float(a), float(b))) for n, a, b in zip(result.names, result.present, result.std, strict=True))
+    rows = []
+    for n, own, a, b in zip(result.names, result.units, result.present, result.std, strict=True):
+        factor, unit = read_in(n, own)
+        rows.append(Row((n, factor * float(a), factor * float(b), pretty_unit(unit))))
     return Table(
         title="Advice",
-        columns=columns,
+        columns=(*columns, Heading("unit", words=True)),
         rows=tuple(rows),
         caption=_sentences(result.sentence),
     )
