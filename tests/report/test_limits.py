@@ -91,3 +91,6 @@ def test_bad_input_is_said():
         sa.tire_use(only(data, "v_x", "v_y"), CAR_AT_LIMIT)
     with pytest.raises(ParameterError, match="not above 0"):
         sa.gg_diagram(car=CAR_AT_LIMIT, v_x=[-1.0])
+    for wrong in (lambda: sa.gg_diagram(CAR_AT_LIMIT), lambda: sa.tire_use(CAR_AT_LIMIT, data)):
+        with pytest.raises(ParameterError, match=r"the log is a \w+; expected a Dataset: it comes before the car"):
+            wrong()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ParameterError
 from slipangle.optimal.lap.car import LapCar, forces
 from slipangle.optimal.lap.cars import lap_car
@@ -32,6 +32,7 @@ from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import speed_said
 
 _ANY_POWER = 1e7  # W, of a car whose engine nobody knows: its tires alone bound it then
+_NO_LOG = "the log is a", "it comes before the car; of a car alone say sa.gg_diagram(car=car)"
 _SLOWEST = 3.0  # m/s
 
 
@@ -175,6 +176,7 @@ def _edge(car: LapCar, v: float) -> np.ndarray:
 
 def accelerations(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """a_x and a_y of a log, measured or from its motion, shapes (n,). [m/s2]"""
+    require_dataset(data, *_NO_LOG)
     if "a_x" in data and "a_y" in data:
         return data["a_x"], data["a_y"]
     missing = [n for n in ("v_x", "r") if n not in data]
@@ -299,6 +301,7 @@ def tire_use(data: Dataset, car: Any) -> TireUse:
     ----------
     .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
     """
+    require_dataset(data, *_NO_LOG)
     missing = [n for n in ("v_x", "r") if n not in data]
     if missing:
         raise ParameterError(f"'{data.name}' has no {' and no '.join(missing)}; expected v_x and r among its channels")
