@@ -27,7 +27,7 @@ from slipangle.report import (
     track_map,
     trajectories,
 )
-from slipangle.report.style import axis_title, largest, series_style, thin, with_gaps
+from slipangle.report.style import axis_title, compact, largest, series_style, thin, with_gaps
 from tests.report.example import YAW_RATE, fit_info
 
 
@@ -167,6 +167,26 @@ def test_trajectories_hide_what_was_not_predicted_and_break_between_experiments(
         trajectories({}, YAW_RATE)
     with pytest.raises(ParameterError, match="'b' has 40 samples"):
         trajectories({"a": trajectory(), "b": trajectory(40)}, YAW_RATE)
+
+
+def test_logs_that_all_begin_at_zero_are_not_drawn_over_each_other():
+    """Each sample is drawn once, at a time that rises, a log's own steps kept; logs of one clock keep their times."""
+    t, v = np.tile(0.1 * np.arange(20), 3), np.arange(60.0)
+    starts = (0, 20, 40)
+    over = measured_vs_simulated(t, v, {"m": v}, channel=YAW_RATE, starts=starts)
+    panels = signals(t, [Signal(channel=Channel("delta", "rad"), values=v)], starts=starts)
+    for figure in (over, panels):
+        x, y = (np.asarray(a, dtype=float) for a in (figure.data[0].x, figure.data[0].y))
+        seen = np.isfinite(y)
+        assert y[seen] == pytest.approx(v)
+        assert (~seen).sum() == 2
+        assert (np.diff(x[seen]) > 0.099).all()
+        assert np.diff(x[seen].reshape(3, 20), axis=1) == pytest.approx(0.1, rel=1e-4)
+        assert figure.layout.xaxis.title.text == "time t [s], experiments one after another"
+    clock = t + np.repeat([0.0, 100.0, 300.0], 20)
+    figure = signals(clock, [Signal(channel=Channel("delta", "rad"), values=v)], starts=starts)
+    assert np.asarray(figure.data[0].x)[-1] == pytest.approx(301.9)
+    assert figure.layout.xaxis.title.text == "time t [s]"
 
 
 def test_raincloud_shows_quartiles_and_extremes():
@@ -318,6 +338,20 @@ def test_outlines_of_the_vehicle_are_rectangles_of_its_size():
     heading = np.arctan2(front[:, 1], front[:, 0])
     np.testing.assert_allclose(heading, np.linspace(0, 1, 5), atol=0.01)
     assert figure.layout.yaxis.scaleanchor == "x"  # not elongated
+
+
+def test_a_map_far_from_its_origin_is_as_fine_as_one_near_it():
+    """A swerve in metres of a map projection, 5 300 km north, whose neighbours differ by millimetres."""
+    s = np.linspace(0, 200, 400)
+    swerve = 1.75 * (1 - np.cos(s * np.pi / 100))
+    for north in (0.0, 5.3e6):
+        for figure in (
+            path_map(s + 6.9e5, swerve + north, 0 * s),
+            track_map(s + 6.9e5, swerve + north, s, channel=YAW_RATE),
+        ):
+            y = np.asarray(figure.data[-1].y, dtype=float) - north
+            assert y == pytest.approx(swerve, abs=1e-3)
+    assert compact(np.linspace(0, 1, 9)).dtype == compact(np.full(3, 0.1)).dtype == np.float32
 
 
 def test_long_courses_say_that_they_are_stretched():

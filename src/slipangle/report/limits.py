@@ -25,8 +25,10 @@ from slipangle.report.style import (
     largest,
     line,
     new_figure,
+    on_one_axis,
     series_style,
     thin,
+    with_gaps,
 )
 from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import speed_said
@@ -238,36 +240,35 @@ class TireUse:
 
     def plot(self) -> go.Figure:
         """Forces used over time, what is available around them, and the share; a Plotly figure."""
-        figure = new_figure(560, hovermode="x unified")
+        figure, (t, title) = new_figure(560, hovermode="x unified"), on_one_axis(self.t, self.starts)
         parts = ((self.F_y_f, self.available_f, "y", "front"), (self.F_y_r, self.available_r, "y2", "rear"))
         for (used, most, axis, axle), colour in zip(parts, (BLUE, VERMILION), strict=True):
             first = axle == "front"
+            x, there = with_gaps(t, most, self.starts)
             for sign in (1, -1):
-                rows = thin(most, 1500)
+                rows = thin(there, 1500)
                 named: dict[str, Any] = {"name": "available", "showlegend": first and sign == 1, "yaxis": axis}
-                line(figure, self.t[rows], sign * most[rows] / 1e3, INK, 1, dash="dot", **named)
-            rows = thin(used)
+                line(figure, x[rows], sign * there[rows] / 1e3, INK, 1, dash="dot", **named)
+            x, force = with_gaps(t, used, self.starts)
+            rows = thin(force)
             line(
                 figure,
-                self.t[rows],
-                used[rows] / 1e3,
+                x[rows],
+                force[rows] / 1e3,
                 colour,
                 name=f"{axle} axle",
                 yaxis=axis,
                 hovertemplate="%{y:.3g} kN",
             )
         for used, colour in ((self.used_f, BLUE), (self.used_r, VERMILION)):
-            rows = thin(used)
-            line(
-                figure, self.t[rows], 100 * used[rows], colour, showlegend=False, yaxis="y3", hovertemplate="%{y:.3g} %"
-            )
+            x, share = with_gaps(t, used, self.starts)
+            rows = thin(share)
+            line(figure, x[rows], 100 * share[rows], colour, showlegend=False, yaxis="y3", hovertemplate="%{y:.3g} %")
         more: dict[str, Any] = {
             "yaxis2": {"title": {"text": "rear F_y [kN]"}, "domain": [0.36, 0.66]},
             "yaxis3": {"title": {"text": "grip used [%]"}, "domain": [0.0, 0.3], "rangemode": "tozero"},
         }
-        return axes(
-            figure, "time t [s]", "front F_y [kN]", xaxis={"anchor": "y3"}, yaxis={"domain": [0.7, 1.0]}, **more
-        )
+        return axes(figure, title, "front F_y [kN]", xaxis={"anchor": "y3"}, yaxis={"domain": [0.7, 1.0]}, **more)
 
     def __repr__(self) -> str:
         ends = (f"{axle} {100 * used.max():.0f} %" for axle, used in (("front", self.used_f), ("rear", self.used_r)))
