@@ -19,6 +19,7 @@ from slipangle.report import (
     correlogram,
     forest,
     measured_vs_simulated,
+    parameter_table,
     path_map,
     rainclouds,
     signals,
@@ -279,6 +280,23 @@ def test_forest_says_how_wide_an_interval_is_that_does_not_fit(spread):
     [note] = figure.layout.annotations
     assert note.text == ("±784 %" if spread == 4.0 else "unbounded")
     assert np.isfinite(figure.layout.xaxis.range).all()
+
+
+def test_forest_and_table_say_the_ends_of_an_interval_around_nothing():
+    """No share of 0 is: an estimate at its bound has its interval in its own unit, on the side on which it lies."""
+    info = fit_info(weak=False)
+    names, units = ("C_f", "downforce_f", "steering_offset"), ("N/rad", "kg/m", "rad")
+    limits = np.array([[0.9, 1.1], [0.0, 0.2], [-0.01, 0.01]])
+    changed = {"names": names, "units": units, "values": np.array([1.0, 0.0, 1e-9]), "covariance": 0.01 * np.eye(3)}
+    profiled = ProfileInfo(**{**vars(info), **changed}, limits=limits)
+    figure = forest(profiled)
+    assert [note.text for note in figure.layout.annotations] == ["0 to 0.20 kg/m", "-0.57 to 0.57 deg"]
+    spans = [np.asarray(t.x) for t in figure.data if t.mode == "lines"]
+    assert spans[0] == pytest.approx([-10.0, 10.0])
+    assert (spans[1][0], spans[1][1] > 10) == (0.0, True)
+    assert spans[2][0] == -spans[2][1]
+    rows = [row[2:] for row in parameter_table(profiled).texts()]
+    assert rows[1:] == [["0", "0", "0.20", "n/a"], ["0", "-0.57", "0.57", "n/a"]]
 
 
 def test_signals_stack_on_one_time_axis_with_limits_inside_the_range():

@@ -180,8 +180,7 @@ def handling_table(handling: Handling, v_x: float | None = None) -> Table:
 
 def _row(title: str, value: float, std: float, unit: str, standard: str) -> Row:
     half = float(quantile(0.95) * std)
-    lost = np.isfinite(half) and abs(value) <= 0.01 * half
-    shown = "–" if np.isnan(value) else "0" if lost else to_digit(float(value), half)
+    shown = "–" if np.isnan(value) else to_digit(float(value), half)
     return Row((title, shown, number(half, 2) if np.isfinite(half) else "–", pretty_unit(unit), standard))
 
 

@@ -343,13 +343,21 @@ def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most
     )
 
 
-def to_digit(value: float, half: float) -> str:
-    """A value written to the second significant digit of its uncertainty.
+def lost(value: float, half: float) -> bool:
+    """Whether a value is 0 to the digits of its uncertainty: it is a hundredth of that and less."""
+    return math.isfinite(half) and abs(value) <= 0.01 * half
 
-    >>> to_digit(112345.678, 2345.6), to_digit(0.123456, 0.0021)
-    ('112 300', '0.1235')
+
+def to_digit(value: float, half: float) -> str:
+    """A value written to the second significant digit of its uncertainty; 0 where it is `lost` in that.
+
+    >>> to_digit(112345.678, 2345.6), to_digit(0.99996, 0.071), to_digit(1e-9, 0.1)
+    ('112 300', '1.000', '0')
     """
+    if lost(value, half):
+        return "0"
     if not (math.isfinite(value) and math.isfinite(half)) or half <= 0 or value == 0:
         return number(value)
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 2
+    decimals = 1 - math.floor(math.log10(half))
+    digits = math.floor(math.log10(abs(round(value, decimals) or value))) + decimals + 1
     return number(value, min(max(digits, 2), 8))

@@ -144,8 +144,7 @@ def doubts(name: str, info: FitInfo) -> report.Table:
         value, half = float(info.values[k]), float(ends[k, 1] - ends[k, 0]) / 2
         factor, unit = read_in(parameter, info.units[k] if info.units else "-")
         said = doubt(info, k, half)
-        shown = to_digit(factor * value, factor * half) if abs(value) > 0.01 * half else "0"
-        low, high = (to_digit(factor * float(end), factor * half) for end in ends[k])
+        shown, low, high = (to_digit(factor * float(v), factor * half) for v in (value, *ends[k]))
         width = f"± {number(factor * half, 2)}" if even(value, *ends[k]) else f"{low} to {high}"
         cells = parameter, shown, width, pretty_unit(unit), said
         rows.append(report.Row(cells, tone=judged(info, k, half)))
