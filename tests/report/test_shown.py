@@ -259,6 +259,17 @@ def test_an_output_has_the_unit_of_the_data_not_that_of_its_name():
     assert [row[2] for row in table(run).texts()] == ["m", "V"]
 
 
+def test_a_runs_solver_time_leaves_out_the_cold_first_step(results):
+    """As page and metrics do: one slow step of 31 at the start is not the 99th percentile."""
+    plan = results["plan"]
+    plans = tuple(replace(plan, seconds=1.0 if k == 0 else 0.001) for k in range(31))
+    run = replace(results["run"], plans=plans, t_plan=np.zeros(31))
+    told = {row.cells[0]: row.cells[1] for row in table(run).rows}
+    assert told["solver, 99th percentile"] == pytest.approx(1.0)
+    assert len(run.warm_seconds) == 30
+    assert replace(run, plans=plans[:1]).warm_seconds.tolist() == [1.0]
+
+
 def test_advice_has_units(results):
     """Widths are read as parameters are: an offset in degrees, stiffness in N/rad."""
     advice = replace(

@@ -95,7 +95,7 @@ def drive(seconds=0.001, inside=True, good=True, solver="ipopt", finished=True, 
     settings = SimpleNamespace(controller=SimpleNamespace(dt=0.05, entries={"solver": solver}))
     tried = SimpleNamespace(trials=SimpleNamespace(good=good))
     seen = {"inside": inside, "finished": finished, "marked": marked, "kept": inside and finished and marked}
-    run = SimpleNamespace(seconds=np.full(50, seconds), **seen)
+    run = SimpleNamespace(warm_seconds=np.full(49, seconds), **seen)
     return {"run": run, "settings": settings, "tried": tried}
 
 

@@ -172,7 +172,7 @@ def _(result: Run) -> Table:
         ("inside the lanes", result.inside if result.marked else "none are marked", ""),
     ]
     if len(result.plans):
-        late = 1000 * float(np.percentile(result.seconds, 99))
+        late = 1000 * float(np.percentile(result.warm_seconds, 99))
         rows += [("solver, 99th percentile", late, "ms"), ("commands of an older plan", result.fallbacks, "")]
     return _facts("Closed loop", rows, _sentences(result.end.value))
 

@@ -172,7 +172,7 @@ def next_step(outcome: Outcome) -> str:
         return f"Next: drive what determines {', '.join(names)} (slipangle advise), or fix {those}."
     run, wanted = outcome.run, outcome.settings.controller
     if run is not None and wanted is not None:
-        late = float(np.percentile(run.seconds[1:], 99))
+        late = float(np.percentile(run.warm_seconds, 99))
         if late >= wanted.dt and wanted.entries.get("solver") != "realtime":
             return f'Next: set solver = "realtime"; the solver takes {1000 * late:.0f} of {1000 * wanted.dt:.0f} ms.'
         if run.inside and not run.finished:
