@@ -10,6 +10,7 @@ import pytest
 import slipangle as sa
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.report.figure_file import sized
+from slipangle.report.paper import size_of
 from slipangle.report.style import BLUE, axes, line, new_figure
 
 BROWSER = pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
@@ -44,6 +45,16 @@ def test_bad_input_gets_a_sentence(tmp_path, name, given, said):
     with pytest.raises(ParameterError, match=said):
         sa.save_figure(drawn(), tmp_path / name, **given)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_more_panels_than_a_page_holds_get_a_sentence(tmp_path):
+    """Nobody gave a height, so none is found fault with: channels are too many."""
+    names = [f"c{k}" for k in range(60)]
+    data = sa.Dataset.from_arrays({}, dict.fromkeys(names, np.arange(5.0)), 0.1)
+    with pytest.raises(ParameterError, match=r"the figure has 60 panels, 1800 mm .* plot fewer channels"):
+        sa.save_figure(data.plot(), tmp_path / "f.svg")
+    assert size_of(data.plot(), 1, 900.0, 8.0) == (88.0, 900.0)
+    assert size_of(data.plot(*names[:9]), 1, None, 8.0) == (88.0, 270.0)
 
 
 def test_without_a_browser_one_sentence_names_it(tmp_path, monkeypatch):

@@ -81,6 +81,16 @@ def test_forces_are_those_of_the_model():
     assert "front" in found.table().to_text()
 
 
+def test_no_force_is_drawn_between_experiments():
+    whole = driven()
+    figure = sa.tire_use(sa.join(whole.rows(0, 200), whole.rows(400, 600)), CAR_AT_LIMIT).plot()
+    for trace in figure.data:
+        x, y = np.asarray(trace.x, dtype=float), np.asarray(trace.y, dtype=float)
+        joined = np.diff(x)[np.isfinite(y[1:]) & np.isfinite(y[:-1])]
+        assert joined.max() < 1.5 * whole.dt
+        assert x[-1] == pytest.approx(whole.t[599])
+
+
 def test_bad_input_is_said():
     data = driven()
     with pytest.raises(ParameterError, match="neither a log nor a car"):
@@ -91,3 +101,6 @@ def test_bad_input_is_said():
         sa.tire_use(only(data, "v_x", "v_y"), CAR_AT_LIMIT)
     with pytest.raises(ParameterError, match="not above 0"):
         sa.gg_diagram(car=CAR_AT_LIMIT, v_x=[-1.0])
+    for wrong in (lambda: sa.gg_diagram(CAR_AT_LIMIT), lambda: sa.tire_use(CAR_AT_LIMIT, data)):
+        with pytest.raises(ParameterError, match=r"the log is a \w+; expected a Dataset: it comes before the car"):
+            wrong()

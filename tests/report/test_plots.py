@@ -19,6 +19,7 @@ from slipangle.report import (
     correlogram,
     forest,
     measured_vs_simulated,
+    parameter_table,
     path_map,
     rainclouds,
     signals,
@@ -27,7 +28,7 @@ from slipangle.report import (
     track_map,
     trajectories,
 )
-from slipangle.report.style import axis_title, largest, series_style, thin, with_gaps
+from slipangle.report.style import axis_title, compact, largest, series_style, thin, with_gaps
 from tests.report.example import YAW_RATE, fit_info
 
 
@@ -169,6 +170,26 @@ def test_trajectories_hide_what_was_not_predicted_and_break_between_experiments(
         trajectories({"a": trajectory(), "b": trajectory(40)}, YAW_RATE)
 
 
+def test_logs_that_all_begin_at_zero_are_not_drawn_over_each_other():
+    """Each sample is drawn once, at a time that rises, a log's own steps kept; logs of one clock keep their times."""
+    t, v = np.tile(0.1 * np.arange(20), 3), np.arange(60.0)
+    starts = (0, 20, 40)
+    over = measured_vs_simulated(t, v, {"m": v}, channel=YAW_RATE, starts=starts)
+    panels = signals(t, [Signal(channel=Channel("delta", "rad"), values=v)], starts=starts)
+    for figure in (over, panels):
+        x, y = (np.asarray(a, dtype=float) for a in (figure.data[0].x, figure.data[0].y))
+        seen = np.isfinite(y)
+        assert y[seen] == pytest.approx(v)
+        assert (~seen).sum() == 2
+        assert (np.diff(x[seen]) > 0.099).all()
+        assert np.diff(x[seen].reshape(3, 20), axis=1) == pytest.approx(0.1, rel=1e-4)
+        assert figure.layout.xaxis.title.text == "time t [s], experiments one after another"
+    clock = t + np.repeat([0.0, 100.0, 300.0], 20)
+    figure = signals(clock, [Signal(channel=Channel("delta", "rad"), values=v)], starts=starts)
+    assert np.asarray(figure.data[0].x)[-1] == pytest.approx(301.9)
+    assert figure.layout.xaxis.title.text == "time t [s]"
+
+
 def test_raincloud_shows_quartiles_and_extremes():
     rng = np.random.default_rng(0)
     e = rng.standard_normal(5000)
@@ -261,6 +282,23 @@ def test_forest_says_how_wide_an_interval_is_that_does_not_fit(spread):
     assert np.isfinite(figure.layout.xaxis.range).all()
 
 
+def test_forest_and_table_say_the_ends_of_an_interval_around_nothing():
+    """No share of 0 is: an estimate at its bound has its interval in its own unit, on the side on which it lies."""
+    info = fit_info(weak=False)
+    names, units = ("C_f", "downforce_f", "steering_offset"), ("N/rad", "kg/m", "rad")
+    limits = np.array([[0.9, 1.1], [0.0, 0.2], [-0.01, 0.01]])
+    changed = {"names": names, "units": units, "values": np.array([1.0, 0.0, 1e-9]), "covariance": 0.01 * np.eye(3)}
+    profiled = ProfileInfo(**{**vars(info), **changed}, limits=limits)
+    figure = forest(profiled)
+    assert [note.text for note in figure.layout.annotations] == ["0 to 0.20 kg/m", "-0.57 to 0.57 deg"]
+    spans = [np.asarray(t.x) for t in figure.data if t.mode == "lines"]
+    assert spans[0] == pytest.approx([-10.0, 10.0])
+    assert (spans[1][0], spans[1][1] > 10) == (0.0, True)
+    assert spans[2][0] == -spans[2][1]
+    rows = [row[2:] for row in parameter_table(profiled).texts()]
+    assert rows[1:] == [["0", "0", "0.20", "n/a"], ["0", "-0.57", "0.57", "n/a"]]
+
+
 def test_signals_stack_on_one_time_axis_with_limits_inside_the_range():
     t = np.arange(0, 5, 0.05)
     figure = signals(
@@ -318,6 +356,20 @@ def test_outlines_of_the_vehicle_are_rectangles_of_its_size():
     heading = np.arctan2(front[:, 1], front[:, 0])
     np.testing.assert_allclose(heading, np.linspace(0, 1, 5), atol=0.01)
     assert figure.layout.yaxis.scaleanchor == "x"  # not elongated
+
+
+def test_a_map_far_from_its_origin_is_as_fine_as_one_near_it():
+    """A swerve in metres of a map projection, 5 300 km north, whose neighbours differ by millimetres."""
+    s = np.linspace(0, 200, 400)
+    swerve = 1.75 * (1 - np.cos(s * np.pi / 100))
+    for north in (0.0, 5.3e6):
+        for figure in (
+            path_map(s + 6.9e5, swerve + north, 0 * s),
+            track_map(s + 6.9e5, swerve + north, s, channel=YAW_RATE),
+        ):
+            y = np.asarray(figure.data[-1].y, dtype=float) - north
+            assert y == pytest.approx(swerve, abs=1e-3)
+    assert compact(np.linspace(0, 1, 9)).dtype == compact(np.full(3, 0.1)).dtype == np.float32
 
 
 def test_long_courses_say_that_they_are_stretched():

@@ -1,5 +1,8 @@
 """Results show themselves: a line that fits a terminal, a table for a notebook, a figure of the right channel."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,8 +79,6 @@ def results(tmp_path_factory):
 
 
 def _fitted():
-    from dataclasses import replace
-
     return replace(CAR, fit_info=fit_info())
 
 
@@ -167,6 +168,37 @@ def test_a_log_has_a_panel_for_each_channel(results):
     assert drawn.layout.yaxis2.title.text == "r [rad/s]"
 
 
+def test_no_line_is_drawn_where_a_log_has_no_samples(tmp_path):
+    """A stop of 4 s and a channel's empty cells are holes in its line, cells that stand are joined."""
+    t = np.concatenate([np.arange(0, 5, 0.01), np.arange(9, 12, 0.01)])
+    x = [f"{np.sin(v):.6f}" for v in t]
+    x[100:130] = [""] * 30
+    rows = "".join(f"{v:.2f},{v:.2f},{w}\n" for v, w in zip(t, x, strict=True))
+    (tmp_path / "stops.csv").write_text("time [s],<b>a,x [m]\n" + rows)
+    drawn = sa.open_log(tmp_path / "stops.csv").plot("<b>a", "x")
+    assert [trace.name for trace in drawn.data] == ["&lt;b&gt;a", "x"]
+    for trace, holes in zip(drawn.data, ([(4.99, 9.0)], [(0.99, 1.3), (4.99, 9.0)]), strict=True):
+        when, value = np.asarray(trace.x, dtype=float), np.asarray(trace.y, dtype=float)
+        empty = np.flatnonzero(np.isnan(value))
+        assert [(when[k - 1], when[k + 1]) for k in empty] == [pytest.approx(hole, abs=1e-9) for hole in holes]
+        joined = np.diff(when)[np.isfinite(value[1:]) & np.isfinite(value[:-1])]
+        assert joined.max() < 0.011
+
+
+def test_a_figure_says_what_it_leaves_out(tmp_path):
+    names = [f"c{k}" for k in range(9)]
+    rows = "".join(f"{0.1 * k:.1f}{f',{k}' * 9}\n" for k in range(20))
+    (tmp_path / "wide.csv").write_text(f"time [s],{','.join(names)}\n{rows}")
+    recording = sa.open_log(tmp_path / "wide.csv")
+    assert "6 of 10 channels" in recording.plot().layout.xaxis6.title.text
+    assert recording.plot("c1", "c2").layout.xaxis2.title.text == "time [s]"
+
+
+def test_nothing_seen_in_a_log_is_said(results):
+    assert sa.inspect(results["data"]).plot().layout.annotations[0].text == "no spikes, jumps or standstills"
+    assert not results["inspected"].plot().layout.annotations
+
+
 def test_a_plan_is_drawn_as_it_is_held(results):
     plan = results["plan"]
     drawn = plan.plot("delta").data[0]
@@ -203,6 +235,63 @@ def test_channels_are_drawn_in_degrees_and_kilometres_an_hour(results):
     assert free.data[0].y == pytest.approx(np.degrees(data["r"]), rel=1e-5, abs=1e-5)
     over_time = results["run"].plot("delta")
     assert over_time.data[0].y == pytest.approx(np.full(len(results["run"].t), np.degrees(0.1)), rel=1e-5)
+
+
+def test_an_output_has_the_unit_of_the_data_not_that_of_its_name():
+    """An r in metres is drawn and told in metres, what the nomenclature has not in its own unit."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = np.convolve(u, 0.5 ** np.arange(20))[:300] + 0.1 * rng.standard_normal(300)
+    data = sa.Dataset.from_arrays(
+        {"u": u}, {"r": y, "U": rng.standard_normal(300) - y}, 0.02, units={"r": "m", "U": "V"}
+    )
+    train, test = data.split(0.5)
+    model = sa.ARX(na=1, nb=1).fit(train)
+    verdict, ranking, run = sa.validate(model, test), sa.compare({"a": model}, test), model.simulate(test)
+    folds = sa.cross_validate(sa.ARX(na=1, nb=1), data, folds=2)
+    for result in (verdict, ranking, run):
+        drawn = result.plot("r")
+        assert drawn.layout.yaxis.title.text.endswith("[m]")
+        assert np.asarray(drawn.data[0].y, dtype=float) == pytest.approx(test["r"], rel=1e-5, abs=1e-6)
+        assert result.plot("U").layout.yaxis.title.text.endswith("[V]")
+    for result in (verdict, ranking, folds):
+        assert {row[-1].split()[1] for row in table(result).texts()} == {"m", "V"}
+    assert [row[2] for row in table(run).texts()] == ["m", "V"]
+
+
+def test_a_runs_solver_time_leaves_out_the_cold_first_step(results):
+    """As page and metrics do: one slow step of 31 at the start is not the 99th percentile."""
+    plan = results["plan"]
+    plans = tuple(replace(plan, seconds=1.0 if k == 0 else 0.001) for k in range(31))
+    run = replace(results["run"], plans=plans, t_plan=np.zeros(31))
+    told = {row.cells[0]: row.cells[1] for row in table(run).rows}
+    assert told["solver, 99th percentile"] == pytest.approx(1.0)
+    assert len(run.warm_seconds) == 30
+    assert replace(run, plans=plans[:1]).warm_seconds.tolist() == [1.0]
+
+
+def test_advice_has_units(results):
+    """Widths are read as parameters are: an offset in degrees, stiffness in N/rad."""
+    advice = replace(
+        results["advice"],
+        names=("C_f", "steering_offset"),
+        units=("N/rad", "rad"),
+        present=np.array([9e3, 0.02]),
+        std=np.array([3e3, 0.01]),
+    )
+    assert table(results["advice"]).rows[0].cells[3] == "N/rad"
+    assert [row.cells[1:] for row in table(advice).rows] == [
+        (9e3, 3e3, "N/rad"),
+        (pytest.approx(math.degrees(0.02)), pytest.approx(math.degrees(0.01)), "deg"),
+    ]
+
+
+def test_scores_are_read_in_degrees_as_figures_are(results):
+    told = table(results["verdict"])
+    assert told.columns[-1].heading == "RMSE [deg/s]"
+    assert told.rows[0].cells[-1] == pytest.approx(np.degrees(results["verdict"].free_run_scores["r"].rmse))
+    with sa.units.shown_in_si():
+        assert table(results["verdict"]).columns[-1].heading == "RMSE [rad/s]"
 
 
 @pytest.mark.parametrize(

@@ -200,3 +200,16 @@ def test_parameter_table_without_covariance_or_units():
     table = parameter_table(info)
     assert {r.tone for r in table.rows} == {"poor"}
     assert all(t[1] == "-" and t[3] == "n/a" for t in table.texts())
+
+
+def test_warnings_and_notes_are_in_every_form_of_a_table():
+    """A file for a report or a paper must not be silent about what the terminal and the page say."""
+    rows = Row(("C_f", 1.0)), Row(("C_r", 2.0), note="fixed\nby hand")
+    made = Table(title="T", columns=(Heading("name"), Heading("x")), rows=rows, warnings=("C_f is open,\n5 % & more",))
+    for text in (made.to_text(), made.to_markdown(), made.to_latex()):
+        assert "warning: C_f is open, 5 % & more" in text
+        assert "C_r: fixed by hand" in text
+    assert made.to_markdown().endswith("\n\nwarning: C_f is open, 5 % & more\n\nC_r: fixed by hand\n")
+    printed = [line for line in made.to_latex().splitlines() if not line.startswith("%")]
+    assert printed[0] == r"\begin{table}"
+    assert "open" not in "".join(printed)

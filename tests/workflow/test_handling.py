@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 import slipangle as sa
+from slipangle.report.style import INK, series_style
 from slipangle.workflow.handling import _handling_section
 from tests.models.all_models import ALL_MODELS
 from tests.models.analysis.test_linearize import BICYCLE
@@ -46,6 +47,18 @@ def test_models_stand_beside_the_log():
 def test_at_one_speed_there_is_a_table_alone():
     [found] = section({"car": BICYCLE}, log(v_x=np.full(N, 20.0)))
     assert [type(b).__name__ for b in found.blocks] == ["Table", "Figure"]
+
+
+def test_a_model_keeps_its_colour_and_the_log_is_as_measured():
+    """Colours are those of the page's other figures, whoever is left out here."""
+    models = {"tip": ALL_MODELS["single track, neural tires"], "car": BICYCLE, "soft": BICYCLE.with_values(C_f=5e4)}
+    [found] = section(models, log())
+    _, over_speed, by_frequency = found.blocks
+    for figure in (over_speed.figure, by_frequency.figure):
+        colours = {t.name: t.line.color for t in figure.data if t.name}
+        for name in ("car", "soft"):
+            assert colours[name] == series_style([*models].index(name))[0].light
+    assert colours["the log"] == INK.light
 
 
 def test_models_without_a_linear_answer_are_left_out():

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -228,6 +229,12 @@ def test_a_track_is_driven_from_a_file_beside_the_job(tmp_path, capsys):
     (tmp_path / "track.csv").write_text("\n".join(["# x_m,y_m,w_tr_right_m,w_tr_left_m", *rows]))
     seen = drive(tmp_path, capsys, "track = 'track.csv'\nkind = 'stanley'\na_y = 2.0")
     assert (seen["end"], seen["inside_lane"]) == ("FINISHED", True)
+    page = (tmp_path / "out" / "index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
+    assert "Edges and the line to follow are those of the track." in page
+    assert "the standard" not in page
+    said = re.search(r"solver, 99th percentile</dt><dd[^>]*>([\d.]+)", page)
+    assert said, "the page says the solver's time"
+    assert float(said[1]) == pytest.approx(1000 * seen["solver_seconds_p99"], rel=0.01)
 
 
 @pytest.mark.parametrize("kind", ["ekf", "mhe"])

@@ -1,13 +1,13 @@
 """The first screen: what to doubt about a parameter, what to do next."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from slipangle.identify.judge.scores import Score
-from slipangle.models.model import FitInfo
+from slipangle.models.model import FitInfo, ProfileInfo
 from slipangle.workflow.overview import doubts, next_step, scoreboard
 
 
@@ -40,6 +40,18 @@ def test_what_may_well_be_zero_is_not_poor():
     assert row.cells[1] == "0"
     assert row.cells[3] == "deg"
     assert (row.cells[4], row.tone) == ("may be 0", "fair")
+
+
+def test_an_interval_that_lies_to_one_side_is_told_by_its_ends():
+    """A share of 1.00 between 0.86 and 1.00 is not said to be 0.93 to 1.07."""
+    one = fit(("drive_rear", "C_f"), (1.0, 2.0), (0.05, 0.05))
+    info = ProfileInfo(
+        **{f.name: getattr(one, f.name) for f in fields(one)} | {"units": ("-", "N/rad")},
+        limits=np.array([[0.86, 1.0], [1.9, 2.1]]),
+    )
+    cells = {row.cells[0]: row.cells[2] for row in doubts("m", info).rows}
+    assert cells == {"drive_rear": "0.860 to 1.000", "C_f": "± 0.10"}
+    assert repr(info) == "<ProfileInfo: drive_rear = 1 (0.86 to 1), C_f = 2 ± 0.1; 0 warnings>"
 
 
 def outcome(word="good", info=None, **more):
@@ -83,7 +95,7 @@ def drive(seconds=0.001, inside=True, good=True, solver="ipopt", finished=True, 
     settings = SimpleNamespace(controller=SimpleNamespace(dt=0.05, entries={"solver": solver}))
     tried = SimpleNamespace(trials=SimpleNamespace(good=good))
     seen = {"inside": inside, "finished": finished, "marked": marked, "kept": inside and finished and marked}
-    run = SimpleNamespace(seconds=np.full(50, seconds), **seen)
+    run = SimpleNamespace(warm_seconds=np.full(49, seconds), **seen)
     return {"run": run, "settings": settings, "tried": tried}
 
 

@@ -103,14 +103,19 @@ def _parameters(info: FitInfo | None) -> dict[str, dict]:
 def _estimates(info: FitInfo | None) -> list[str]:
     """Estimates with their 95 % intervals; of a network's many weights only how many."""
     from slipangle.report.tables import number
+    from slipangle.units import read_in
 
     if info is None or not info.names:
         return []
     if len(info.names) > _MANY:
         return [f"{len(info.names)} parameters"]
     units = info.units or ("",) * len(info.names)
-    rows = zip(info.names, info.values.tolist(), info.interval().tolist(), units, strict=True)
-    return [f"{n:16} {number(v)} {unit} (95 %: {number(a)} to {number(b)})" for n, v, (a, b), unit in rows]
+    words = []
+    for name, *ends, own in zip(info.names, info.values, *info.interval().T, units, strict=True):
+        factor, unit = read_in(name, own)
+        v, a, b = (number(factor * float(end)) for end in ends)
+        words.append(f"{name:16} {v} {unit} (95 %: {a} to {b})")
+    return words
 
 
 def _fits(model: Model, logs: Logs, settings: Settings) -> dict[str, str]:
@@ -130,6 +135,7 @@ def _fits(model: Model, logs: Logs, settings: Settings) -> dict[str, str]:
 
 def _validate(options: argparse.Namespace) -> Answer:
     from slipangle.identify.judge.validate import validate
+    from slipangle.units import read_in
     from slipangle.workflow.job import plain
 
     name, file = Path(options.models[0]).stem, options.models
@@ -140,11 +146,12 @@ def _validate(options: argparse.Namespace) -> Answer:
     free, one_step = verdict.free_run_scores, verdict.one_step_scores
     stands = {output: s.sentence for output, s in verdict.standing.items()}
     said = [s for tests in verdict.residuals.values() for s in tests.sentences]
-    words = [
-        f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}"
-        for kind, scores in (("free run", free), ("one-step-ahead", one_step))
-        for output, s in scores.items()
-    ]
+    words = []
+    for kind, scores in (("free run", free), ("one-step-ahead", one_step)):
+        for output, s in scores.items():
+            factor, unit = read_in(output, verdict.free_run.unit(output))
+            error = f"{factor * s.rmse:.4g} {unit}".removesuffix(" -")
+            words.append(f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {error}   R2 {s.r2:.4f}")
     numbers = {"free_run": plain(free), "one_step_ahead": plain(one_step), "residuals": said, "standing": stands}
     return Answer(numbers | ({"opening": read} if read else {}), "\n".join([*read, *words, *stands.values(), *said]))
 
@@ -155,7 +162,7 @@ def _compare(options: argparse.Namespace) -> Answer:
 
     if options.out:
         check_output(options.out)
-    (_, opening, test), start = _parts(options)
+    (train, opening, test), start = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         loaded = load_models(options.models)
         models, read = _of_the_day(loaded, opening)
@@ -165,7 +172,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         if options.out:
             target = Path(options.out) / "index.html"
             before = replaced(target)
-            page = comparison_page(result, test, command=options.said).write(target)
+            page = comparison_page(result, test, train=train, command=options.said).write(target)
     rows = [
         {"model": e.name}
         | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}

@@ -18,13 +18,14 @@ from typing import Any, ClassVar, NoReturn, final
 import casadi as ca
 import numpy as np
 
+from slipangle.data.channels import STANDARD
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.equal import Equal
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
-from slipangle.numerics.critical import quantile
+from slipangle.numerics.critical import even, quantile
 from slipangle.ops import Vector
 from slipangle.shown import Brief, Shown
 
@@ -115,8 +116,10 @@ class FitInfo(Shown, Equal):
     known_covariance: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
-        half = np.ptp(self.interval(), axis=1) / 2
-        rows = [f"{n} = {v:.4g} ± {h:.2g}" for n, v, h in zip(self.names, self.values, half, strict=True)]
+        rows = [
+            f"{n} = {v:.4g} ± {(b - a) / 2:.2g}" if even(v, a, b) else f"{n} = {v:.4g} ({a:.4g} to {b:.4g})"
+            for n, v, (a, b) in zip(self.names, self.values, self.interval(), strict=True)
+        ]
         more = f" and {len(rows) - 6} more" if len(rows) > 6 else ""
         return f"{', '.join(rows[:6])}{more}; {len(self.warnings)} warnings"
 
@@ -235,6 +238,8 @@ class Trajectory(Shown):
         First row of each experiment.
     astray : dict of str to str
         A sentence for each output whose prediction leaves any plausible range of the data.
+    units : tuple of str
+        Units of the outputs, as the data have them.
     """
 
     t: np.ndarray
@@ -245,6 +250,7 @@ class Trajectory(Shown):
     kind: str = "free run"
     starts: tuple[int, ...] = field(default=(0,))
     astray: dict[str, str] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
 
     def _words(self) -> str:
         return f"{self.kind} of {', '.join(self.outputs)}, {int(self.predicted.sum())} samples predicted"
@@ -257,6 +263,12 @@ class Trajectory(Shown):
     def channel(self, name: str) -> np.ndarray:
         """Predicted samples of one output."""
         return self.y[:, self.outputs.index(name)]
+
+    def unit(self, name: str) -> str:
+        """Unit of one output; of a run that names none that of the nomenclature, "-" for other names."""
+        if self.units:
+            return self.units[self.outputs.index(name)]
+        return STANDARD[name].unit if name in STANDARD else "-"
 
 
 def without_caches(thing: Any) -> dict[str, Any]:
@@ -511,6 +523,7 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
         what = kind if kind == "free run" else f"{kind} prediction"
         same: dict[str, Any] = {"t": data.t, "outputs": self.outputs, "starts": data.starts}
         said = astray(y, measured, seen=seen, what=what, **same)
+        same["units"] = tuple(data.unit(name) for name in self.outputs)
         return Trajectory(y=y, measured=measured, predicted=mask, kind=kind, astray=said, **same)
 
 

@@ -12,6 +12,7 @@ from slipangle.errors import ParameterError, shown
 NORMAL = 1.96  # critical value, at 95 %, of an estimate whose standard deviation is known
 _DRAWS, _FEWEST, _MOST = 2000, 20, 200  # per share of the lags in the samples; bounds: few lags scatter little
 _LARGEST = 100.0  # critical value
+_UNEVEN = 0.05  # difference of an interval's sides, as a share of their sum, that "±" leaves out
 
 
 def require_level(level: float) -> None:
@@ -30,6 +31,18 @@ def quantile(level: float) -> float:
     """
     require_level(level)
     return float(ndtri(0.5 + level / 2))
+
+
+def even(value: float, low: float, high: float) -> bool:
+    """Whether "± half of it" says an interval: to 5 % of that half, or it has no end on either side.
+
+    >>> even(10.0, 8.0, 12.1), even(1.0, 0.86, 1.0), even(1.0, -np.inf, np.inf), even(1.0, 0.0, np.inf)
+    (True, False, True, False)
+    """
+    below, above = value - low, high - value
+    if not (np.isfinite(below) or np.isfinite(above)):
+        return True
+    return bool(np.isfinite(above - below) and abs(above - below) <= _UNEVEN * (above + below))
 
 
 def critical_values(

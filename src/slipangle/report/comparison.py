@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.compare import Comparison, horizon_errors
+from slipangle.identify.judge.standing import standing
 from slipangle.report.diagnostics import horizon_curves
 from slipangle.report.page import Block, Figure, Finding, Findings, Page, Section, Verdict
 from slipangle.report.plots import rainclouds, trajectories
@@ -12,19 +15,21 @@ from slipangle.report.tables import Heading, Row, ScoreRow, Table, Tone, number,
 from slipangle.units import read_in
 
 
-def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
+def comparison_page(result: Comparison, data: Dataset, *, train: Dataset | None = None, command: str = "") -> Page:
     """The best of ``result`` in a sentence, ranking, free runs, error clouds and errors over the horizon.
 
-    ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again.
-    ``page.write("index.html")`` writes it.
+    ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again. With
+    ``train``, the training data, the best is judged beside simple models that are fitted to them
+    (`slipangle.identify.judge.standing`); without, no model is called good. ``page.write("index.html")`` writes it.
     """
     good = [e for e in result.entries if not e.failure]
     ahead = {e.name: horizon_errors(e.model, data) for e in good}
-    sections = [Section(title="Verdict", blocks=_verdict(result, data))]
+    shown = {name: replace(t, predicted=_common(result)) for name, t in result.trajectories.items()}
+    sections = [Section(title="Verdict", blocks=_verdict(result, data, train))]
     for output in result.outputs:
         factor, unit = read_in(output, data.unit(output))
         channel = Channel(output, unit)
-        runs = {n: replace(t, y=factor * t.y, measured=factor * t.measured) for n, t in result.trajectories.items()}
+        runs = {n: replace(t, y=factor * t.y, measured=factor * t.measured) for n, t in shown.items()}
         errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in runs.items()}
         later = {n: replace(h, rmse=factor * h.rmse, free_run=factor * h.free_run) for n, h in ahead.items()}
         scores = {e.name: replace(e.scores[output], rmse=factor * e.scores[output].rmse) for e in good}
@@ -52,10 +57,33 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
     )
 
 
-def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
+def _common(result: Comparison) -> np.ndarray:
+    """The samples that every model predicts, on which all are judged."""
+    return np.logical_and.reduce([t.predicted for t in result.trajectories.values()])
+
+
+def _judged(result: Comparison, train: Dataset | None, data: Dataset) -> tuple[Tone, str]:
+    """How good the best is, and why: the worst word of its outputs, never good with anything to doubt."""
+    best = result.best
+    if best.free_run is None or train is None:
+        worthless = [o for o, s in best.scores.items() if s.fit <= 0]
+        why = f" It is no better than a constant on {', '.join(worthless)}." if worthless else ""
+        return (
+            "poor" if worthless else "fair",
+            f"{why} No simple model stands beside it, which would tell how good it is.",
+        )
+    run = replace(best.free_run, predicted=_common(result))
+    found = [standing(run, o, train, data) for o in result.outputs]
+    doubted = best.warnings or any(e.failure for e in result.entries)
+    words = [*("poor" if s.output in run.astray else s.word for s in found), *(["fair"] if doubted else [])]
+    tone: Tone = "poor" if "poor" in words else "fair" if "fair" in words else "good"
+    return tone, "".join(f" It {s.sentence}." for s in found)
+
+
+def _verdict(result: Comparison, data: Dataset, train: Dataset | None) -> tuple[Block, ...]:
     """One table of models and outputs, and the best in a sentence."""
     rows, best = [], result.best
-    tone: Tone = "fair" if best.warnings or any(e.failure for e in result.entries) else "good"
+    tone, why = _judged(result, train, data)
     for place, e in enumerate(result.entries):
         count = len(e.model.fit_info.names) if e.model.fit_info is not None else None
         for output in result.outputs:
@@ -75,6 +103,7 @@ def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
     if others:
         share = 100 * (1 - best.error / others[0].error) if others[0].error > 0 else 0.0
         sentence += f" Its error is {share:.0f} % smaller than that of “{others[0].name}”, the next."
+    sentence += why
     failed = len(result.entries) - len(others) - 1
     sentence += f" {failed} failed; why stands below." if failed else ""
     if best.warnings:

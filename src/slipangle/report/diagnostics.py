@@ -26,6 +26,7 @@ from slipangle.report.style import (
     series_style,
     wrap,
 )
+from slipangle.report.tables import lost, to_digit
 from slipangle.units import read_in
 
 
@@ -121,28 +122,31 @@ def forest(
     known = {k: v for k, v in (references or {}).items() if k in fit.names}
     interval, value = fit.interval(level), np.asarray(fit.values, dtype=float)
     scale = np.where(value != 0, np.abs(value), np.nan)
-    ends = 100 * (interval - value[:, None]) / scale[:, None]  # below and above the estimate
-    half = np.abs(ends).max(axis=1)
+    none = [lost(v, float(np.ptp(ends)) / 2) for v, ends in zip(value, interval, strict=True)]  # of these no share is
+    apart = np.where(np.isfinite(interval), interval - value[:, None], [-np.inf, np.inf])
+    shares = 100 * apart / scale[:, None]
+    ends = np.where(np.array(none)[:, None], np.where(apart == 0, 0.0, np.copysign(np.inf, apart)), shares)
+    half = np.abs(ends).max(axis=1)  # of those below and above the estimate
     spot = {k: 100 * (v - value[fit.names.index(k)]) / scale[fit.names.index(k)] for k, v in known.items()}
     shown = [h for h in (*half, *np.abs(list(spot.values()))) if np.isfinite(h) and h <= cap]
     reach = 1.15 * max([*shown, 1.0]) if np.all(half <= cap) else 1.15 * cap
+    units = fit.units or ("-",) * len(fit.names)
+    read = [read_in(n, u) for n, u in zip(fit.names, units, strict=True)]
     figure = new_figure(110 + 38 * len(fit.names), hovermode="closest")
     rows = np.arange(len(fit.names))[::-1].astype(float)
     wide = ~(half <= cap)
     for k, row in enumerate(rows):
-        span = np.clip(ends[k] if np.isfinite(half[k]) else [-reach, reach], -reach, reach)
+        span = np.clip(ends[k], -reach, reach)
         colour = VERMILION if wide[k] else INK
         line(figure, span, [row, row], colour, 2)
         if wide[k]:
-            width = _width(*ends[k])
+            width = _between(interval[k], *read[k]) if none[k] else _width(*ends[k])
             beyond = np.abs(span) >= reach
             arrows = {"symbol": np.array(["triangle-left", "triangle-right"])[beyond].tolist()}
             dots(figure, span[beyond], np.full(beyond.sum(), row), colour, 10, marker=arrows)
             where = {"x": reach, "y": row, "xanchor": "right", "yshift": 13}
             figure.add_annotation(text=width, showarrow=False, font={"color": colour.light}, **where)
     figure.update_traces(showlegend=False)
-    units = fit.units or ("-",) * len(fit.names)
-    read = [read_in(n, u) for n, u in zip(fit.names, units, strict=True)]
     said = [f"{f * v:.5g} {escape(pretty_unit(u))}" for v, (f, u) in zip(value, read, strict=True)]
     name, hover = f"estimate, {100 * level:g} % interval", "%{customdata}<extra></extra>"
     colours = [(VERMILION if w else INK).light for w in wide]
@@ -162,6 +166,12 @@ def forest(
         xaxis={"range": [-1.06 * reach, 1.06 * reach], "zeroline": True, "zerolinecolor": SLATE.light},
         yaxis={**ticks, "showline": False, "ticks": "", "fixedrange": True},
     )
+
+
+def _between(ends: np.ndarray, factor: float, unit: str) -> str:
+    """An interval around nothing in words, in the unit that people read."""
+    low, high = (to_digit(factor * float(end), factor * float(np.ptp(ends)) / 2) for end in ends)
+    return f"{low} to {high} {escape(pretty_unit(unit))}".removesuffix(" -")
 
 
 def _width(below: float, above: float) -> str:

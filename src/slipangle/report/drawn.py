@@ -15,7 +15,7 @@ from slipangle.control.phases import PhasedPlan
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.quality.events import Event, Jump, Spike
 from slipangle.data.quality.inspect import DataReport, Seen, Stretch
-from slipangle.data.readers.recording import Recording
+from slipangle.data.readers.recording import GAP, Recording
 from slipangle.errors import ParameterError, nearest
 from slipangle.identify.car.identify_car import IdentifiedCar
 from slipangle.identify.judge.compare import Comparison, CrossValidation
@@ -36,7 +36,7 @@ from slipangle.report.plots import trajectories
 from slipangle.report.robust import breaking_map
 from slipangle.report.search import parallel_coordinates
 from slipangle.report.shown import UNITS, spans
-from slipangle.report.style import BLUE, new_figure, template, thin, unit_title
+from slipangle.report.style import BLUE, escape, new_figure, template, thin, unit_title, with_gaps
 from slipangle.simulate.run import Run
 from slipangle.simulate.trials import Trials
 from slipangle.units import read_in
@@ -80,7 +80,7 @@ def _runs(runs: dict[str, Trajectory], outputs: Sequence[str], names: Sequence[s
         raise ParameterError(f"{len(names)} outputs for one figure; expected one of {', '.join(outputs)}")
     _one_of(names, outputs, "output")
     name = (*names, *outputs)[0]
-    factor, unit = read_in(name, UNITS.get(name, "-"))
+    factor, unit = read_in(name, next(iter(runs.values())).unit(name) if runs else "-")
     scaled = {
         label: Trajectory(**{**vars(t), "y": factor * t.y, "measured": factor * t.measured})
         for label, t in runs.items()
@@ -174,7 +174,7 @@ def _(result: CrossValidation, names: Sequence[str]) -> go.Figure:
     folds = [f"fold {k}: without {spans(fold)}" for k, fold in enumerate(result.folds, 1)]
     drawn = new_figure(360, barmode="group")
     for name in names or outputs:
-        drawn.add_bar(x=folds, y=result.fit(name), name=name)
+        drawn.add_bar(x=folds, y=result.fit(name), name=escape(name))
     return drawn.update_layout(yaxis_title="fit of the free run [%]")
 
 
@@ -205,8 +205,22 @@ def _(result: DataReport, names: Sequence[str]) -> go.Figure:
         if found:
             told = [f.sentence for f in found]
             drawn.add_scatter(
-                x=[f.t for f in found], y=[f.channel for f in found], mode="markers", name=label, hovertext=told
+                x=[f.t for f in found],
+                y=[escape(f.channel) for f in found],
+                mode="markers",
+                name=label,
+                hovertext=[escape(sentence) for sentence in told],
             )
+    if not drawn.data:
+        nothing = {
+            "text": "no spikes, jumps or standstills",
+            "xref": "x domain",
+            "yref": "y domain",
+            "x": 0.5,
+            "y": 0.5,
+        }
+        drawn.add_annotation(**nothing, showarrow=False)
+        drawn.update_yaxes(showticklabels=False)
     return drawn.update_layout(xaxis_title="time [s]", xaxis_range=[0.0, result.duration])
 
 
@@ -221,7 +235,7 @@ def _(result: PhasedPlan, names: Sequence[str]) -> go.Figure:
         for phase in result.phases:
             if name in phase.controls:
                 u = factor * phase.u[:, phase.controls.index(name)]
-                style = {"mode": "lines", "line": {"shape": "hv", "color": BLUE.light}, "name": name}
+                style = {"mode": "lines", "line": {"shape": "hv", "color": BLUE.light}, "name": escape(name)}
                 drawn.add_scatter(x=phase.times, y=np.append(u, u[-1]), row=row, col=1, **style)
         drawn.update_yaxes(title_text=unit_title(name, unit), row=row, col=1)
     return drawn
@@ -241,9 +255,13 @@ def _(result: Recording, names: Sequence[str]) -> go.Figure:
     drawn = _panels(chosen)
     for row, name in enumerate(chosen, 1):
         one = result.signal(name)
-        kept = thin(one.values, 4000)
-        drawn.add_scatter(x=one.t[kept], y=one.values[kept], mode="lines", name=name, row=row, col=1)
+        t, values = with_gaps(one.t, one.values, (np.flatnonzero(np.diff(one.t) > GAP * one.dt) + 1).tolist())
+        kept = thin(values, 4000)
+        drawn.add_scatter(x=t[kept], y=values[kept], mode="lines", name=escape(name), row=row, col=1)
         drawn.update_yaxes(title_text=unit_title(name, one.unit or "-"), row=row, col=1)
+    if len(chosen) < len(names or result.names):
+        left = f"time [s]; {len(chosen)} of {len(result.names)} channels, others by their names"
+        drawn.update_xaxes(title_text=left, row=len(chosen), col=1)
     return drawn
 
 

@@ -21,6 +21,7 @@ from slipangle.report.style import (
     dots,
     line,
     new_figure,
+    on_one_axis,
     same_length,
     thin,
     with_gaps,
@@ -71,7 +72,7 @@ def signals(
     """
     if not rows:
         raise ParameterError("there is no signal to draw; got an empty sequence, expected at least one Signal: add one")
-    t = np.asarray(t, dtype=float)
+    t, title = on_one_axis(t, starts)
     n = len(rows)
     figure = new_figure(90 + 150 * n, hovermode="x unified", showlegend=any(s.reference is not None for s in rows))
     gap = 0.22 / (n + 1)
@@ -84,7 +85,7 @@ def signals(
         panel = {"title": {"text": axis_title(signal.channel, lines=2)}, "domain": [max(top - height, 0.0), top]}
         figure.update_layout({axis.replace("y", "yaxis"): panel})
     last = "y" if n == 1 else f"y{n}"
-    figure.update_layout(xaxis={"title": {"text": "time t [s]"}, "anchor": last, "hoverformat": ".2f"})
+    figure.update_layout(xaxis={"title": {"text": title}, "anchor": last, "hoverformat": ".2f"})
     for k, span in enumerate(spans):
         shade = {"fillcolor": SLATE.faded((0.05, 0.18)[k % 2]), "line": {"width": 0}, "layer": "below"}
         figure.add_shape(type="rect", x0=span.start, x1=span.end, y0=0, y1=1, xref="x", yref="paper", **shade)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ParameterError
 from slipangle.optimal.lap.car import LapCar, forces
 from slipangle.optimal.lap.cars import lap_car
@@ -25,13 +25,16 @@ from slipangle.report.style import (
     largest,
     line,
     new_figure,
+    on_one_axis,
     series_style,
     thin,
+    with_gaps,
 )
 from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import speed_said
 
 _ANY_POWER = 1e7  # W, of a car whose engine nobody knows: its tires alone bound it then
+_NO_LOG = "the log is a", "it comes before the car; of a car alone say sa.gg_diagram(car=car)"
 _SLOWEST = 3.0  # m/s
 
 
@@ -175,6 +178,7 @@ def _edge(car: LapCar, v: float) -> np.ndarray:
 
 def accelerations(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """a_x and a_y of a log, measured or from its motion, shapes (n,). [m/s2]"""
+    require_dataset(data, *_NO_LOG)
     if "a_x" in data and "a_y" in data:
         return data["a_x"], data["a_y"]
     missing = [n for n in ("v_x", "r") if n not in data]
@@ -236,36 +240,35 @@ class TireUse:
 
     def plot(self) -> go.Figure:
         """Forces used over time, what is available around them, and the share; a Plotly figure."""
-        figure = new_figure(560, hovermode="x unified")
+        figure, (t, title) = new_figure(560, hovermode="x unified"), on_one_axis(self.t, self.starts)
         parts = ((self.F_y_f, self.available_f, "y", "front"), (self.F_y_r, self.available_r, "y2", "rear"))
         for (used, most, axis, axle), colour in zip(parts, (BLUE, VERMILION), strict=True):
             first = axle == "front"
+            x, there = with_gaps(t, most, self.starts)
             for sign in (1, -1):
-                rows = thin(most, 1500)
+                rows = thin(there, 1500)
                 named: dict[str, Any] = {"name": "available", "showlegend": first and sign == 1, "yaxis": axis}
-                line(figure, self.t[rows], sign * most[rows] / 1e3, INK, 1, dash="dot", **named)
-            rows = thin(used)
+                line(figure, x[rows], sign * there[rows] / 1e3, INK, 1, dash="dot", **named)
+            x, force = with_gaps(t, used, self.starts)
+            rows = thin(force)
             line(
                 figure,
-                self.t[rows],
-                used[rows] / 1e3,
+                x[rows],
+                force[rows] / 1e3,
                 colour,
                 name=f"{axle} axle",
                 yaxis=axis,
                 hovertemplate="%{y:.3g} kN",
             )
         for used, colour in ((self.used_f, BLUE), (self.used_r, VERMILION)):
-            rows = thin(used)
-            line(
-                figure, self.t[rows], 100 * used[rows], colour, showlegend=False, yaxis="y3", hovertemplate="%{y:.3g} %"
-            )
+            x, share = with_gaps(t, used, self.starts)
+            rows = thin(share)
+            line(figure, x[rows], 100 * share[rows], colour, showlegend=False, yaxis="y3", hovertemplate="%{y:.3g} %")
         more: dict[str, Any] = {
             "yaxis2": {"title": {"text": "rear F_y [kN]"}, "domain": [0.36, 0.66]},
             "yaxis3": {"title": {"text": "grip used [%]"}, "domain": [0.0, 0.3], "rangemode": "tozero"},
         }
-        return axes(
-            figure, "time t [s]", "front F_y [kN]", xaxis={"anchor": "y3"}, yaxis={"domain": [0.7, 1.0]}, **more
-        )
+        return axes(figure, title, "front F_y [kN]", xaxis={"anchor": "y3"}, yaxis={"domain": [0.7, 1.0]}, **more)
 
     def __repr__(self) -> str:
         ends = (f"{axle} {100 * used.max():.0f} %" for axle, used in (("front", self.used_f), ("rear", self.used_r)))
@@ -299,6 +302,7 @@ def tire_use(data: Dataset, car: Any) -> TireUse:
     ----------
     .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
     """
+    require_dataset(data, *_NO_LOG)
     missing = [n for n in ("v_x", "r") if n not in data]
     if missing:
         raise ParameterError(f"'{data.name}' has no {' and no '.join(missing)}; expected v_x and r among its channels")

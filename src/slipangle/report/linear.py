@@ -12,7 +12,19 @@ from slipangle.models.analysis.handling import QUANTITIES, Handling
 from slipangle.models.analysis.linearised import LinearisedModel
 from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse
 from slipangle.numerics.critical import quantile
-from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style, wrap
+from slipangle.report.style import (
+    INK,
+    SLATE,
+    Colour,
+    axes,
+    dots,
+    escape,
+    line,
+    new_figure,
+    pretty_unit,
+    series_style,
+    wrap,
+)
 from slipangle.report.tables import Heading, Row, Table, number, to_digit
 from slipangle.units import read_in, shows_si, speed_said
 
@@ -35,27 +47,33 @@ def _read(unit: str) -> tuple[float, str]:
     return (1.0, unit) if shows_si() else _READ.get(unit, (1.0, unit))
 
 
+def _look(place: int) -> tuple[Colour, str]:
+    """Colour and dash of a model by its place among all of a page; before the first is what was measured."""
+    return (INK, "solid") if place < 0 else series_style(place)
+
+
 def _band(figure: go.Figure, x: np.ndarray, band: np.ndarray, index: int, axis: str = "y", **more: Any) -> None:
     """A band in the colour of the ``index``-th line; nothing where it is not known."""
     if not np.isfinite(band).all():
         return
-    colour, _ = series_style(index)
+    colour, _ = _look(index)
     there, back = np.concatenate([x, x[::-1]]), np.concatenate([band[:, 0], band[::-1, 1]])
     line(
         figure, there, back, colour, 0, fill="toself", fillcolor=colour.faded(0.2), showlegend=False, yaxis=axis, **more
     )
 
 
-def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
+def bode(responses: Sequence[FrequencyResponse], places: Sequence[int] = ()) -> go.Figure:
     """Magnitude and phase over frequency with bands; coherence below where data gave one.
 
+    ``places`` are those of the models in other figures, whose colours they keep, -1 is what was measured.
     Bands end at a factor of 7 and a phase of 180 degrees: what is less sure than that is not known.
     """
     figure = new_figure(560, hovermode="closest")
     seen = any(r.coherence is not None for r in responses)
     turn, angle = read_in("", "rad")
-    for index, one in enumerate(responses):
-        colour, dash = series_style(index)
+    for index, one in zip(places or range(len(responses)), responses, strict=True):
+        colour, dash = _look(index)
         name = escape(one.name)
         own: dict[str, Any] = {"legendgroup": name, "name": name}
         gain, turned = one.magnitude[:, None], one.phase[:, None]
@@ -126,8 +144,11 @@ def time_responses(responses: Sequence[TimeResponse]) -> go.Figure:
     return axes(figure, "time t [s]", title)
 
 
-def handling_curves(several: Sequence[Handling], names: Sequence[str] = ()) -> go.Figure:
-    """Quantities over speed below each other, with bands; by default gradient, gain, frequency, damping, rise time."""
+def handling_curves(several: Sequence[Handling], names: Sequence[str] = (), places: Sequence[int] = ()) -> go.Figure:
+    """Quantities over speed below each other, with bands; by default gradient, gain, frequency, damping, rise time.
+
+    ``places`` are those of the models in other figures, whose colours they keep.
+    """
     usual = ("understeer_gradient", "yaw_gain", "natural_frequency", "damping", "rise_time")
     chosen = [n for n in (names or usual) if any(np.isfinite(h.values[n]).any() for h in several)] or list(usual[:2])
     figure = new_figure(40 + 170 * len(chosen), hovermode="closest")
@@ -141,8 +162,8 @@ def handling_curves(several: Sequence[Handling], names: Sequence[str] = ()) -> g
         domain = [1 - (k + 1) / rows + (0.04 if k < rows - 1 else 0.0), 1 - k / rows - 0.02]
         title = {"text": f"{wrap(what.title, 18)}<br>[{pretty_unit(unit)}]", "font": {"size": 11}}
         layout["yaxis" + axis[1:]] = {"title": title, "domain": domain}
-        for index, one in enumerate(several):
-            colour, dash = series_style(index)
+        for index, one in zip(places or range(len(several)), several, strict=True):
+            colour, dash = _look(index)
             own: dict[str, Any] = {
                 "name": escape(one.name),
                 "legendgroup": one.name,
@@ -180,8 +201,7 @@ def handling_table(handling: Handling, v_x: float | None = None) -> Table:
 
 def _row(title: str, value: float, std: float, unit: str, standard: str) -> Row:
     half = float(quantile(0.95) * std)
-    lost = np.isfinite(half) and abs(value) <= 0.01 * half
-    shown = "–" if np.isnan(value) else "0" if lost else to_digit(float(value), half)
+    shown = "–" if np.isnan(value) else to_digit(float(value), half)
     return Row((title, shown, number(half, 2) if np.isfinite(half) else "–", pretty_unit(unit), standard))
 
 

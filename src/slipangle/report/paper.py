@@ -28,10 +28,14 @@ def size_of(figure: go.Figure, columns: int, height: float | None, font: float) 
     if columns not in WIDTHS:
         raise ParameterError(f"columns is {columns}; expected 1 or 2")
     wide = WIDTHS[columns]
-    usual = max(
-        wide * (2 / 3 if columns == 1 else 1 / 2), _PANEL * len({getattr(t, "yaxis", None) for t in figure.data})
-    )
+    panels = len({getattr(t, "yaxis", None) for t in figure.data})
+    usual = max(wide * (2 / 3 if columns == 1 else 1 / 2), _PANEL * panels)
     tall = usual if height is None else float(height)
+    if height is None and tall > 1000:
+        raise ParameterError(
+            f"the figure has {panels} panels, {tall:g} mm in all at {_PANEL:g} mm each; expected at most 1000 mm: plot "
+            "fewer channels, by their names, or give a height"
+        )
     if not 10 <= tall <= 1000 or not 3 <= font <= 40:
         raise ParameterError(
             f"height is {tall:g} mm and font {font:g} pt; expected 10 to 1000 mm and 3 to 40 pt: check the units"

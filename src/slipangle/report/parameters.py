@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.identify.physics.advise import ABOUT_ZERO
 from slipangle.models.model import FitInfo
 from slipangle.report.style import pretty_unit
-from slipangle.report.tables import Cell, Heading, Row, Table, Tone, published, to_digit
+from slipangle.report.tables import Cell, Heading, Row, Table, Tone, lost, published, to_digit
 from slipangle.units import read_in
 
 _ALIKE = 0.95  # correlation from which two parameters can stand in for each other
@@ -49,7 +49,7 @@ def parameter_table(
         half = (high - low) / 2
         cells: list[Cell] = [name, pretty_unit(unit)]
         cells += [to_digit(v, half) for v in (value, low, high)]
-        cells += [100 * half / abs(value) if value else math.nan]
+        cells += [math.nan if lost(value, half) else 100 * half / abs(value)]
         if known:
             cells.append(published(factor * known[name], 6) if name in known else None)
         rows.append(Row(tuple(cells), tone=judged(fit, k, float(np.ptp(ends[k])) / 2)))

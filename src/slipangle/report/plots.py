@@ -23,6 +23,7 @@ from slipangle.report.style import (
     line,
     new_figure,
     nice_step,
+    on_one_axis,
     pretty_unit,
     same_length,
     series_style,
@@ -62,6 +63,7 @@ def measured_vs_simulated(
     same_length("t", len(t), measured=measured)
     same_length("t", len(t), **simulated)
     _at_least_one(simulated)
+    t, title = on_one_axis(t, starts)
     x, y = with_gaps(t, measured, starts)
     models = [(escape(name), with_gaps(t, np.asarray(v, dtype=float), starts)[1]) for name, v in simulated.items()]
     rows = np.arange(len(x))
@@ -81,7 +83,7 @@ def measured_vs_simulated(
     below = {"title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"}, "domain": [0.0, 0.3]}
     below |= {"zeroline": True, "zerolinecolor": SLATE.light}
     across, upright = {"anchor": "y2", "hoverformat": ".2f"}, {"domain": [0.36, 1.0]}
-    return axes(figure, "time t [s]", axis_title(channel, lines=2), xaxis=across, yaxis=upright, yaxis2=below)
+    return axes(figure, title, axis_title(channel, lines=2), xaxis=across, yaxis=upright, yaxis2=below)
 
 
 def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: int = 4000) -> go.Figure:

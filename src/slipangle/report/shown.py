@@ -15,6 +15,7 @@ from slipangle.data.readers.recording import Recording
 from slipangle.errors import ParameterError
 from slipangle.identify.car.identify_car import IdentifiedCar
 from slipangle.identify.judge.compare import Comparison, CrossValidation, Fold
+from slipangle.identify.judge.scores import Score
 from slipangle.identify.judge.validate import Validation
 from slipangle.identify.linear.statespace import OrderChoice
 from slipangle.identify.physics.advise import Advice
@@ -111,19 +112,32 @@ def _(result: Model) -> Table:
 @table.register
 def _(result: Trajectory) -> Table:
     kept = result.error[result.predicted]
-    rows = [(f"RMS error of {n}", float(np.sqrt(np.mean(kept[:, i] ** 2))), "") for i, n in enumerate(result.outputs)]
+    rows = []
+    for i, n in enumerate(result.outputs):
+        factor, unit = read_in(n, result.unit(n))
+        rows.append((f"RMS error of {n}", factor * float(np.sqrt(np.mean(kept[:, i] ** 2))), unit))
     return _facts(f"Trajectory, {result._words()}", rows, " ".join(result.astray.values()))
 
 
 @table.register
 def _(result: Validation) -> Table:
     rows = [
-        ScoreRow(model=result.name, channel=n, unit=UNITS.get(n, "-"), kind=kind, tone=_tone(result, n), **vars(s[n]))
+        _scored(result.name, n, run.unit(n), kind, s[n], _tone(result, n))
         for n in result.model.outputs
-        for kind, s in (("free run", result.free_run_scores), ("one-step-ahead", result.one_step_scores))
+        for kind, run, s in (
+            ("free run", result.free_run, result.free_run_scores),
+            ("one-step-ahead", result.one_step, result.one_step_scores),
+        )
     ]
     said = " ".join(f"{n}: {s.sentence}." for n, s in result.standing.items())
     return score_table(rows, title=f"Verdict on {result.name}", caption=said)
+
+
+def _scored(model: str, name: str, unit: str, kind: str, score: Score, tone: Any = None) -> ScoreRow:
+    """A score with its RMSE in the unit that people read."""
+    factor, read = read_in(name, unit)
+    numbers = {**vars(score), "rmse": factor * score.rmse}
+    return ScoreRow(model=model, channel=name, unit=read, kind=kind, tone=tone, **numbers)
 
 
 def _tone(result: Validation, name: str) -> Any:
@@ -133,9 +147,9 @@ def _tone(result: Validation, name: str) -> Any:
 @table.register
 def _(result: Comparison) -> Table:
     rows = [
-        ScoreRow(model=e.name, channel=n, unit=UNITS.get(n, "-"), kind="free run", **vars(e.scores[n]))
+        _scored(e.name, n, e.free_run.unit(n), "free run", e.scores[n])
         for e in result.entries
-        if not e.failure
+        if e.free_run is not None
         for n in result.outputs
     ]
     failed = " ".join(f"{e.name} failed: {e.failure}." for e in result.entries if e.failure)
@@ -158,7 +172,7 @@ def _(result: Run) -> Table:
         ("inside the lanes", result.inside if result.marked else "none are marked", ""),
     ]
     if len(result.plans):
-        late = 1000 * float(np.percentile(result.seconds, 99))
+        late = 1000 * float(np.percentile(result.warm_seconds, 99))
         rows += [("solver, 99th percentile", late, "ms"), ("commands of an older plan", result.fallbacks, "")]
     return _facts("Closed loop", rows, _sentences(result.end.value))
 
@@ -189,7 +203,7 @@ def _(result: PhasedPlan) -> Table:
 @table.register
 def _(result: CrossValidation) -> Table:
     rows = [
-        ScoreRow(model=f"without {spans(fold)}", channel=n, unit=UNITS.get(n, "-"), kind="free run", **vars(score))
+        _scored(f"without {spans(fold)}", n, fold.units[n], "free run", score)
         for fold in result.folds
         for n, score in fold.scores.items()
     ]
@@ -216,10 +230,13 @@ def _(result: OrderChoice) -> Table:
 @table.register
 def _(result: Advice) -> Table:
     columns = Heading("parameter", words=True), Heading("standard deviation now"), Heading("with it")
-    rows = (Row((n, float(a), float(b))) for n, a, b in zip(result.names, result.present, result.std, strict=True))
+    rows = []
+    for n, own, a, b in zip(result.names, result.units, result.present, result.std, strict=True):
+        factor, unit = read_in(n, own)
+        rows.append(Row((n, factor * float(a), factor * float(b), pretty_unit(unit))))
     return Table(
         title="Advice",
-        columns=columns,
+        columns=(*columns, Heading("unit", words=True)),
         rows=tuple(rows),
         caption=_sentences(result.sentence),
     )

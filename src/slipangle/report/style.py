@@ -17,6 +17,9 @@ from slipangle.errors import ParameterError
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 
+_APART = 0.01  # of all that is drawn, between experiments that stand one after another
+
+
 @dataclass(frozen=True)
 class Colour:
     """One colour on light and on dark ground, as ``#rrggbb``."""
@@ -278,6 +281,26 @@ def largest(value: np.ndarray, limit: int = 4000) -> np.ndarray:
     return np.array([a + int(np.argmax(size[a:b])) for a, b in itertools.pairwise(edges)])
 
 
+def on_one_axis(t: np.ndarray, starts: Sequence[int]) -> tuple[np.ndarray, str]:
+    """Times to draw experiments at, and the title of their axis.
+
+    They are their own where each experiment begins after the one before. Where they do not, as of logs that all begin
+    at 0 s and would lie over each other, they stand one after another.
+
+    >>> on_one_axis(np.array([0.0, 1.0, 0.0, 1.0]), (0, 2))[0].tolist(), on_one_axis(np.arange(4.0), (0, 2))[1]
+    ([0.0, 1.0, 2.0, 3.0], 'time t [s]')
+    """
+    t, title = np.array(t, dtype=float), "time t [s]"
+    cuts = [s for s in starts if 0 < s < len(t)]
+    if all(t[cut] > t[cut - 1] for cut in cuts):
+        return t, title
+    pieces = list(itertools.pairwise([0, *cuts, len(t)]))
+    apart = max(_APART * sum(t[b - 1] - t[a] for a, b in pieces), np.min(np.diff(t), where=np.diff(t) > 0, initial=1.0))
+    for a, b in pieces[1:]:
+        t[a:b] += t[a - 1] + apart - t[a]
+    return t, f"{title}, experiments one after another"
+
+
 def with_gaps(t: np.ndarray, y: np.ndarray, starts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """The series with a NaN before each experiment but the first, so that no line joins two of them."""
     cuts = [s for s in starts if 0 < s < len(t)]
@@ -287,8 +310,16 @@ def with_gaps(t: np.ndarray, y: np.ndarray, starts: Sequence[int]) -> tuple[np.n
 
 
 def compact(values: np.ndarray) -> np.ndarray:
-    """Ordinates in single precision, half the page's weight and far below a pixel."""
-    return np.asarray(values, dtype=np.float32)
+    """Ordinates in single precision, half the page's weight, where that moves none by a ten-thousandth of their range.
+
+    Else they are as they were, such as places some thousand kilometres from their origin.
+    """
+    values = np.asarray(values, dtype=float)
+    with np.errstate(over="ignore"):
+        light = values.astype(np.float32)
+    good = np.isfinite(values)
+    reach = float(np.ptp(values[good])) if good.any() else 0.0
+    return values if reach > 0 and np.abs(light[good] - values[good]).max() > 1e-4 * reach else light
 
 
 def colourscale(stops: Sequence[tuple[float, Colour]]) -> list[list[object]]:

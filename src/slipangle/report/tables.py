@@ -141,29 +141,41 @@ class Table:
         console = Console(file=stream, width=width, color_system=None, highlight=False, emoji=False, markup=False)
         console.print(self.to_rich())
         lines = [line.rstrip() for line in stream.getvalue().splitlines()]
-        first = [texts[0] if texts else "" for texts in self.texts()]
-        lines += [f"warning: {sentence}" for sentence in self.warnings]
-        lines += [f"{name}: {row.note}" for name, row in zip(first, self.rows, strict=True) if row.note]
+        lines += self._remarks()
         commands = [self.command, *(row.command for row in self.rows)]
         lines += [f"$ {command}" for command in dict.fromkeys(commands) if command]
         return "\n".join(lines).strip("\n") + "\n"
 
+    def _remarks(self) -> list[str]:
+        """Warnings and what is noted of single rows, a line each."""
+        lines = [f"warning: {' '.join(sentence.split())}" for sentence in self.warnings]
+        names = [texts[0] if texts else "" for texts in self.texts()]
+        notes = [
+            f"{name}: {' '.join(row.note.split())}" for name, row in zip(names, self.rows, strict=True) if row.note
+        ]
+        return lines + notes
+
     def to_markdown(self) -> str:
-        """The table as Markdown: title, rows, explanation."""
+        """The table as Markdown: title, rows, explanation, warnings, notes."""
         rule = [":--" if c.words else "--:" for c in self.columns]
         rows = [[c.heading for c in self.columns], rule, *self.texts()]
         lines = ["| " + " | ".join(t.replace("|", "\\|") for t in row) + " |" for row in rows]
-        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.caption] if self.caption else [])]) + "\n"
+        under = [t for text in (self.caption, *self._remarks()) if text for t in ("", text)]
+        return "\n".join([f"**{self.title}**", "", *lines, *under]) + "\n"
 
     def to_latex(self) -> str:
-        r"""The table for LaTeX with ``\usepackage{booktabs}``; text is escaped, exponents and signs are LaTeX's."""
+        r"""The table for LaTeX with ``\usepackage{booktabs}``; text is escaped, exponents and signs are LaTeX's.
+
+        Warnings and notes are comments above it, for its author to decide on.
+        """
         kinds = "".join("l" if c.words else "r" for c in self.columns)
         rows = [" & ".join(map(latex, row)) + r" \\" for row in self.texts()]
         head = " & ".join(latex(c.heading) for c in self.columns) + r" \\"
         inside = [r"\toprule", head, r"\midrule", *rows, r"\bottomrule"]
         inside = [r"\begin{tabular}{" + kinds + "}", *inside, r"\end{tabular}"]
         inside += [r"\caption{" + latex(f"{self.title}. {self.caption}".strip()) + "}"]
-        return "\n".join([r"\begin{table}", r"\centering", *inside, r"\end{table}"]) + "\n"
+        remarks = [f"% {line}" for line in self._remarks()]
+        return "\n".join([*remarks, r"\begin{table}", r"\centering", *inside, r"\end{table}"]) + "\n"
 
     def _repr_html_(self) -> str:
         return f"<b>{html.escape(self.title)}</b>{self.to_html()}"
@@ -331,13 +343,21 @@ def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most
     )
 
 
-def to_digit(value: float, half: float) -> str:
-    """A value written to the second significant digit of its uncertainty.
+def lost(value: float, half: float) -> bool:
+    """Whether a value is 0 to the digits of its uncertainty: it is a hundredth of that and less."""
+    return math.isfinite(half) and abs(value) <= 0.01 * half
 
-    >>> to_digit(112345.678, 2345.6), to_digit(0.123456, 0.0021)
-    ('112 300', '0.1235')
+
+def to_digit(value: float, half: float) -> str:
+    """A value written to the second significant digit of its uncertainty; 0 where it is `lost` in that.
+
+    >>> to_digit(112345.678, 2345.6), to_digit(0.99996, 0.071), to_digit(1e-9, 0.1)
+    ('112 300', '1.000', '0')
     """
+    if lost(value, half):
+        return "0"
     if not (math.isfinite(value) and math.isfinite(half)) or half <= 0 or value == 0:
         return number(value)
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 2
+    decimals = 1 - math.floor(math.log10(half))
+    digits = math.floor(math.log10(abs(round(value, decimals) or value))) + decimals + 1
     return number(value, min(max(digits, 2), 8))

@@ -140,6 +140,11 @@ class Run(Shown):
         return np.array([p.seconds for p in self.plans])
 
     @property
+    def warm_seconds(self) -> np.ndarray:
+        """The same without the first plan, which starts cold; of a single plan its own. [s]"""
+        return self.seconds[1:] if len(self.plans) > 1 else self.seconds
+
+    @property
     def statuses(self) -> dict[Status, int]:
         """How often each solver status occurred."""
         return count(self.plans)

@@ -14,6 +14,7 @@ from slipangle.identify.judge.scores import Score
 from slipangle.report.page import Block
 from slipangle.report.tables import number
 from slipangle.units import angle_said, deg, read_in
+from slipangle.workflow.drive import ControllerSettings
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.overview import steering_limit
 from slipangle.workflow.verdict import SECTIONS, spoken
@@ -251,15 +252,14 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         _signal("r", "rad/s", run["r"]),
     ]
     failed = np.array([p.age > 0 for p in run.plans])
-    line, seconds = np.column_stack([run.path.X, run.path.Y]), run.seconds[1:]
+    line, seconds = np.column_stack([run.path.X, run.path.Y]), run.warm_seconds
     body = report.Body(width=wanted.width)
     drawn = report.path_map(run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body)
     blocks: list[Block] = [
         report.Figure(
             title="Driven path and lanes",
             figure=_of_drive(drawn, "place"),
-            caption="Lane edges as the standard sets them for the vehicle's width. The line to follow is ours: "
-            "the standard prescribes lanes only.",
+            caption=_edges_said(wanted, run.marked),
             command=command,
         ),
         report.Figure(
@@ -271,7 +271,7 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
             figures=(
                 report.Figure(
                     title="Solver time of each step",
-                    figure=report.solver_time(seconds, deadline=wanted.dt, failed=failed[1:]),
+                    figure=report.solver_time(seconds, deadline=wanted.dt, failed=failed[-len(seconds) :]),
                 ),
                 report.Figure(title="Solver time, spread", figure=report.solver_histogram(seconds, deadline=wanted.dt)),
             )
@@ -282,6 +282,17 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         ),
     ]
     yield report.Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+
+
+def _edges_said(wanted: ControllerSettings, marked: bool) -> str:
+    """Whose the edges of the driven path are."""
+    if wanted.track is None and wanted.manoeuvre.startswith("iso"):
+        return (
+            "Lane edges as the standard sets them for the vehicle's width. The line to follow is ours: the standard "
+            "prescribes lanes only."
+        )
+    whose = "manoeuvre" if wanted.track is None else "track"
+    return f"Edges and the line to follow are those of the {whose}." if marked else f"The {whose} has no edges."
 
 
 def _of_drive(figure: go.Figure, by: str) -> go.Figure:

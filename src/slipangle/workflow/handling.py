@@ -38,16 +38,17 @@ def _handling_section(outcome: Outcome, command: str) -> Iterator[report.Section
     models = {v.name: v.model for v in outcome.validations[:_MOST] if "r" in v.model.outputs}
     answers = [found for name, model in models.items() if (found := _answers(name, model, speeds)) is not None]
     curves = _responses(outcome, models, float(middle))
+    place = {v.name: k for k, v in enumerate(outcome.validations)}  # in all figures of the page
     blocks: list[Block] = []
     if answers:
         blocks.append(handling_table(answers[0], float(middle)))
         if len(speeds) > 1:
-            figure = handling_curves(answers)
+            figure = handling_curves(answers, places=[place[one.name] for one in answers])
             caption = "Over the speeds of the log, with 95 % bands where the fit gives them."
             blocks.append(report.Figure(title="Handling over speed", figure=figure, caption=caption))
     if curves:
         said = f"Models at {speed_said(middle)}; the log at all its speeds, with coherence and 95 % bands."
-        figure = bode(curves)
+        figure = bode(curves, [place[one.name] if one.coherence is None else -1 for one in curves])
         blocks.append(report.Figure(title="Yaw rate over steering, by frequency", figure=figure, caption=said))
     blocks += _limits(outcome, models, float(middle))
     if blocks:

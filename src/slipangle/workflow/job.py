@@ -87,7 +87,7 @@ class Outcome:
         if self.failures:
             record["failures"] = self.failures
         if self.run is not None:
-            seconds = self.run.seconds
+            seconds = self.run.warm_seconds
             record["closed_loop"] = {
                 "rmse_y": self.run.rmse("y"),
                 "max_y": self.run.max("y"),

@@ -11,6 +11,7 @@ from slipangle import Validation, report
 from slipangle.control.driver import Driver
 from slipangle.export.controllers import limits_of
 from slipangle.models.model import FitInfo
+from slipangle.numerics.critical import even
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import Block
 from slipangle.report.parameters import doubt, judged, undetermined
@@ -143,8 +144,9 @@ def doubts(name: str, info: FitInfo) -> report.Table:
         value, half = float(info.values[k]), float(ends[k, 1] - ends[k, 0]) / 2
         factor, unit = read_in(parameter, info.units[k] if info.units else "-")
         said = doubt(info, k, half)
-        shown = to_digit(factor * value, factor * half) if abs(value) > 0.01 * half else "0"
-        cells = parameter, shown, f"± {number(factor * half, 2)}", pretty_unit(unit), said
+        shown, low, high = (to_digit(factor * float(v), factor * half) for v in (value, *ends[k]))
+        width = f"± {number(factor * half, 2)}" if even(value, *ends[k]) else f"{low} to {high}"
+        cells = parameter, shown, width, pretty_unit(unit), said
         rows.append(report.Row(cells, tone=judged(info, k, half)))
     columns = (
         report.Heading("parameter", words=True),
@@ -170,7 +172,7 @@ def next_step(outcome: Outcome) -> str:
         return f"Next: drive what determines {', '.join(names)} (slipangle advise), or fix {those}."
     run, wanted = outcome.run, outcome.settings.controller
     if run is not None and wanted is not None:
-        late = float(np.percentile(run.seconds[1:], 99))
+        late = float(np.percentile(run.warm_seconds, 99))
         if late >= wanted.dt and wanted.entries.get("solver") != "realtime":
             return f'Next: set solver = "realtime"; the solver takes {1000 * late:.0f} of {1000 * wanted.dt:.0f} ms.'
         if run.inside and not run.finished:

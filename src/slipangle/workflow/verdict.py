@@ -86,7 +86,7 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     wanted = outcome.settings.controller
     if wanted is None:
         raise AssertionError
-    seconds = run.seconds[1:]
+    seconds = run.warm_seconds
     median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
     in_time = late < wanted.dt
     others = outcome.tried

@@ -27,7 +27,7 @@ from slipangle.errors import (
 )
 from slipangle.shown import Shown
 
-_GAP = 2.5  # own sample times without a sample end a stretch
+GAP = 2.5  # own sample times without a sample end a stretch
 _SHORT = 0.5  # s that may be left out at an end without a word
 _MOST = 100_000_000  # samples of a merged channel
 
@@ -304,7 +304,7 @@ def _shortened(series: Mapping[str, Signal], origin: float) -> list[str]:
     for place, sign, to, verb in ((0, -1, "from", "begins"), (-1, 1, "up to", "ends")):
         edge = {name: sign * float(s.t[place]) for name, s in series.items()}
         own, other = min(edge, key=edge.__getitem__), max(edge, key=edge.__getitem__)
-        if edge[other] - edge[own] > max(_SHORT, _GAP * series[own].dt):
+        if edge[other] - edge[own] > max(_SHORT, GAP * series[own].dt):
             at, there = (sign * edge[n] - origin for n in (own, other))
             said.append(f"merged {to} {at:.6g} s, where {own} {verb}: {other} {verb} at {there:.6g} s")
     return said
@@ -392,6 +392,6 @@ def _onto(grid: np.ndarray, s: Signal) -> np.ndarray:
     """A channel at the instants of a grid, NaN between samples that are further apart than a gap."""
     x = np.interp(grid, s.t, s.values)
     right = np.clip(np.searchsorted(s.t, grid), 1, len(s.t) - 1)
-    apart = s.t[right] - s.t[right - 1] > _GAP * s.dt
+    apart = s.t[right] - s.t[right - 1] > GAP * s.dt
     x[apart & (np.abs(grid - s.t[right]) > 1e-9) & (np.abs(grid - s.t[right - 1]) > 1e-9)] = np.nan
     return x

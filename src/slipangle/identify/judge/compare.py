@@ -239,6 +239,7 @@ class Fold:
     scores: dict[str, Score] = field(default_factory=dict)  # free-run metrics; empty if it failed
     error: float = np.inf  # as in `Entry`
     failure: str = ""  # why there are no scores
+    units: dict[str, str] = field(default_factory=dict)  # of the outputs, by name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -326,4 +327,5 @@ def _fold(estimator: Estimator, rest: Dataset, held: Dataset) -> Fold:
         scores = {o: score(run, o) for o in model.outputs}
     except SlipangleError as error:
         return Fold(spans=spans, model=model, failure=str(error))
-    return Fold(spans=spans, model=model, scores=scores, error=_relative(run, model.outputs))
+    units = {o: run.unit(o) for o in model.outputs}
+    return Fold(spans=spans, model=model, scores=scores, error=_relative(run, model.outputs), units=units)

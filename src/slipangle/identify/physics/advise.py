@@ -45,6 +45,7 @@ class Advice(Shown):
     after: float  # standard deviation of that parameter now and expected, SI units
     unit: str  # of the parameter
     names: tuple[str, ...]  # all shared free parameters
+    units: tuple[str, ...]  # their units
     present: np.ndarray  # (n_names,), their standard deviations now and expected
     std: np.ndarray  # (n_names,), their standard deviations now and expected
     data: Dataset  # the manoeuvre's inputs, and the outputs that the fitted model expects
@@ -154,6 +155,7 @@ def rank(
                 after=float(after[j]),
                 unit=problem.model.si(parameter).unit,
                 names=names,
+                units=tuple(problem.model.si(n).unit for n in names),
                 present=before,
                 std=after,
                 data=data,
