@@ -10,9 +10,10 @@ from slipangle.cli import main
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
+from slipangle.workflow import robustness
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
-from tests.workflow.test_cli import sentence
+from tests.workflow.test_cli import log_rows, sentence, write_job
 
 TRUE = BicycleParams(mass=1200, wheelbase=2.6, l_f=1.2, inertia_z=1800, C_f=7e4, C_r=9e4)
 OFFSETS = (0.01, -0.02, 0.004)  # rad, of the steering in each drive
@@ -253,3 +254,22 @@ def test_a_job_without_outputs_is_told_so(drives, capsys):
     path.write_text(re.sub(r"^outputs = .*$", "", text, flags=re.M))
     assert main(["identify", str(path)]) == 2
     assert "names outputs; expected the channels to be explained: add such as outputs" in sentence(capsys)
+
+
+def test_the_journal_of_many_cars_is_of_what_the_files_hold(tmp_path):
+    """A log under the same name may be of another drive, and a tire file another tire, while the job reads the same."""
+    more = '[controller]\nmodel = "bicycle"\n[plant]\ntire = "tire.tir"'
+    (tmp_path / "tire.tir").write_text("one")
+    job = write_job(tmp_path, more=more)
+
+    def signature(seed=0):
+        settings = read_settings(job)
+        return robustness.signature_of(job, settings, read_logs(settings), seed)
+
+    signatures = [signature(), signature(1)]
+    assert signature() == signatures[0]
+    (tmp_path / "tire.tir").write_text("two")
+    signatures.append(signature())
+    write_job(tmp_path, rows=log_rows(450), more=more)
+    signatures.append(signature())
+    assert len(set(signatures)) == 4
