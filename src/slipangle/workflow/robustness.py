@@ -37,6 +37,7 @@ from slipangle.workflow.drive import (
     identified_bicycle,
     late,
     plant_chassis,
+    require_effect,
     whole_driver,
 )
 from slipangle.workflow.log import Logs
@@ -71,6 +72,8 @@ def trial_of(
     if plant.kind:
         raise ConfigError("a vehicle from outside cannot be perturbed; expected a plant of the toolbox: leave kind out")
     known, tires = identified_bicycle(model), plant_tires(plant, model)
+    if not tires:
+        require_effect(plant)
     if tires:
         bicycle, friction = equivalent(plant, plant_chassis(plant, model), tires)
     elif plant.catalogue:
