@@ -273,3 +273,29 @@ def test_the_journal_of_many_cars_is_of_what_the_files_hold(tmp_path):
     write_job(tmp_path, rows=log_rows(450), more=more)
     signatures.append(signature())
     assert len(set(signatures)) == 4
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["", "rate = 8.0", "rate = 10.0", "cutoff = 3.0", "rate = 10.0\ndespike = ['r']", "rate = 50.0", "hold = 'mean'"],
+)
+@pytest.mark.parametrize("gap", [False, True])
+def test_nothing_of_the_test_part_is_in_the_training_part(how, gap, tmp_path):
+    """Not through a low-pass that runs both ways either: whatever is logged later, what is trained on stays."""
+    rng = np.random.default_rng(0)
+    t = 0.05 * np.arange(1000) + 30.0 * (gap & (np.arange(1000) >= 400))
+    first = np.column_stack([t, 0.02 * np.sin(t), 20 + np.sin(0.1 * t), 0.1 * np.sin(t - 0.1)])
+    other = first + 0.1 * (t >= 35.0 + 30.0 * gap)[:, None] * rng.standard_normal(first.shape) * [0, 1, 1, 1]
+    parts = []
+    for rows in (first, other):
+        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,delta,v_x,r", comments="", fmt="%.12g")
+        text = JOB.format(train='["log.csv"]', test="[]", data=how, model="")
+        (tmp_path / "job.toml").write_text(text)
+        parts.append(read_logs(read_settings(tmp_path / "job.toml")))
+    one, two = parts
+    assert np.array_equal(one.train.values, two.train.values)
+    assert not np.array_equal(one.test.values, two.test.values)
+    assert one.train.n_samples == pytest.approx(0.7 * one.data.n_samples, abs=3)
+    assert one.train.t[-1] < one.test.t[0] <= one.train.t[-1] + 4 * one.train.dt
+    inner = one.train.n_samples - 40
+    assert np.allclose(one.train.values[:inner, :3], one.data.values[:inner, :3], atol=1e-4)
