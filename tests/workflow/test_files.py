@@ -10,9 +10,10 @@ from slipangle.cli import main
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
+from slipangle.workflow import robustness
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
-from tests.workflow.test_cli import sentence
+from tests.workflow.test_cli import log_rows, sentence, write_job
 
 TRUE = BicycleParams(mass=1200, wheelbase=2.6, l_f=1.2, inertia_z=1800, C_f=7e4, C_r=9e4)
 OFFSETS = (0.01, -0.02, 0.004)  # rad, of the steering in each drive
@@ -253,3 +254,48 @@ def test_a_job_without_outputs_is_told_so(drives, capsys):
     path.write_text(re.sub(r"^outputs = .*$", "", text, flags=re.M))
     assert main(["identify", str(path)]) == 2
     assert "names outputs; expected the channels to be explained: add such as outputs" in sentence(capsys)
+
+
+def test_the_journal_of_many_cars_is_of_what_the_files_hold(tmp_path):
+    """A log under the same name may be of another drive, and a tire file another tire, while the job reads the same."""
+    more = '[controller]\nmodel = "bicycle"\n[plant]\ntire = "tire.tir"'
+    (tmp_path / "tire.tir").write_text("one")
+    job = write_job(tmp_path, more=more)
+
+    def signature(seed=0):
+        settings = read_settings(job)
+        return robustness.signature_of(job, settings, read_logs(settings), seed)
+
+    signatures = [signature(), signature(1)]
+    assert signature() == signatures[0]
+    (tmp_path / "tire.tir").write_text("two")
+    signatures.append(signature())
+    write_job(tmp_path, rows=log_rows(450), more=more)
+    signatures.append(signature())
+    assert len(set(signatures)) == 4
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["", "rate = 8.0", "rate = 10.0", "cutoff = 3.0", "rate = 10.0\ndespike = ['r']", "rate = 50.0", "hold = 'mean'"],
+)
+@pytest.mark.parametrize("gap", [False, True])
+def test_nothing_of_the_test_part_is_in_the_training_part(how, gap, tmp_path):
+    """Not through a low-pass that runs both ways either: whatever is logged later, what is trained on stays."""
+    rng = np.random.default_rng(0)
+    t = 0.05 * np.arange(1000) + 30.0 * (gap & (np.arange(1000) >= 400))
+    first = np.column_stack([t, 0.02 * np.sin(t), 20 + np.sin(0.1 * t), 0.1 * np.sin(t - 0.1)])
+    other = first + 0.1 * (t >= 35.0 + 30.0 * gap)[:, None] * rng.standard_normal(first.shape) * [0, 1, 1, 1]
+    parts = []
+    for rows in (first, other):
+        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,delta,v_x,r", comments="", fmt="%.12g")
+        text = JOB.format(train='["log.csv"]', test="[]", data=how, model="")
+        (tmp_path / "job.toml").write_text(text)
+        parts.append(read_logs(read_settings(tmp_path / "job.toml")))
+    one, two = parts
+    assert np.array_equal(one.train.values, two.train.values)
+    assert not np.array_equal(one.test.values, two.test.values)
+    assert one.train.n_samples == pytest.approx(0.7 * one.data.n_samples, abs=3)
+    assert one.train.t[-1] < one.test.t[0] <= one.train.t[-1] + 4 * one.train.dt
+    inner = one.train.n_samples - 40
+    assert np.allclose(one.train.values[:inner, :3], one.data.values[:inner, :3], atol=1e-4)

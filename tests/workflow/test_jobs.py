@@ -139,6 +139,16 @@ def test_a_job_of_failures_ends_in_a_sentence(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("command", ["run", "identify"])
+def test_where_all_fail_the_cause_is_said_and_not_what_follows_from_it(command, tmp_path, capsys):
+    head, _, _ = JOB.partition("[[model]]")
+    more = "[[model]]\nname = 'old'\nkind = 'saved'\nfile = 'gone.json'\n"
+    more += "[[model]]\nname = 'today'\nkind = 'adapt'\nmodel = 'old'\n"
+    job = write_job(tmp_path, more=more, job=head + "{more}")
+    assert main([command, str(job), "--out", str(tmp_path / "out")]) == 2
+    assert "gone.json' cannot be read" in sentence(capsys)
+
+
+@pytest.mark.parametrize("command", ["run", "identify"])
 def test_a_missing_extra_and_a_breakdown_cost_the_others_nothing(command, tmp_path, capsys, monkeypatch):
     """A network without JAX, and an estimator whose equations turn out singular."""
 

@@ -216,3 +216,10 @@ def test_names_and_words():
     names = [called(type(n, (), {})) for n in ("ARX", "BoxJenkins", "FreeRunNARX", "MultiARX", "EKF", "DataSettings")]
     assert names == ["arx", "box-jenkins", "free-run-narx", "multi-arx", "ekf", "data"]
     assert words(int | tuple[int, ...] | None) == "a whole number, or a list, each a whole number"
+
+
+def test_a_setting_says_when_it_is_not_used_and_what_it_does_alone():
+    """In the line that help prints, which is the first sentence of the docstring."""
+    said = {key.name: key.meaning for key in tables()["data"].keys}
+    assert "test files" in said["train"]
+    assert "without a rate" in said["cutoff"]

@@ -53,7 +53,7 @@ def test_a_stopped_run_goes_on_and_has_the_same_results(tmp_path, monkeypatch):
     more = robustness.try_many(wanted, 12, tmp_path / "b", "mine")
     assert pools[3].worked == [2]
     assert np.array_equal(more.results[:10], whole.results)
-    with pytest.raises(ConfigError, match="another job or seed"):
+    with pytest.raises(ConfigError, match="another job, log or seed"):
         robustness.try_many(wanted, 10, tmp_path / "b", "yours")
 
 

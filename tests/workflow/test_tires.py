@@ -8,15 +8,18 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.data.dataset import Dataset
+from slipangle.errors import ConfigError
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
 from slipangle.models.vehicles.catalogue import PASSENGER_TIRE
 from slipangle.models.vehicles.tire_bicycle import TireBicycle, TireBicycleParams
-from slipangle.workflow.drive import PlantSettings, build_plant
+from slipangle.workflow.drive import ControllerSettings, PlantSettings, build_plant
 from slipangle.workflow.kinds import KINDS
-from slipangle.workflow.robustness import equivalent
+from slipangle.workflow.robustness import equivalent, trial_of
 from slipangle.workflow.settings import read_settings
 
 CAR = TireBicycleParams(mass=1200.0, inertia_z=1500.0, wheelbase=2.6, l_f=1.2, LMUY_f=0.8, LKY_f=0.9)
+STIFF = BicycleParams(mass=1200.0, inertia_z=1500.0, wheelbase=2.6, l_f=1.2, C_f=8e4, C_r=9e4)
 JOB = """
 title = "test job"
 [data]
@@ -94,6 +97,34 @@ def test_without_a_file_the_plant_has_the_identified_tires():
     plant, _, said = build_plant(PlantSettings(), identified())
     assert plant.model.tire_f.coefficients.LMUY == pytest.approx(0.8)
     assert "on tires as identified" in said
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        ("catalogue = 'sousa-table-6.1'\nfriction = 0.3", "has friction, which changes nothing of a car of the cat"),
+        ("catalogue = 'sousa-table-6.1'\ncar = { height = 0.6 }", "has car, which changes nothing of a car of the cat"),
+        ("car = { height = 0.6 }", "has car, which changes nothing of a car made of the identified bicycle"),
+        (
+            "kind = 'process'\naddress = '127.0.0.1:1'\nfriction = 0.3",
+            "car from outside.*leave kind out",
+        ),
+    ],
+)
+def test_what_a_plant_does_not_heed_is_refused(plant, said, tmp_path):
+    """Such as a wet road for a car of the catalogue, which drove on as on a dry one."""
+    wanted, model = settings(tmp_path, f"[plant]\n{plant}").plant, Bicycle(params=STIFF, dt=0.05)
+    with pytest.raises(ConfigError, match=said):
+        build_plant(wanted, model)
+    if not wanted.kind:
+        with pytest.raises(ConfigError, match=said):
+            trial_of(ControllerSettings(model="car"), wanted, model, None)
+
+
+def test_friction_is_of_the_identified_bicycle(tmp_path):
+    plant, _, said = build_plant(settings(tmp_path, "[plant]\nfriction = 0.7").plant, Bicycle(params=STIFF, dt=0.05))
+    assert plant.model.tire_f.lateral.D == 0.7
+    assert "0.7" in said
 
 
 def test_the_catalogue_car_on_other_tires(tmp_path):

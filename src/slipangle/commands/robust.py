@@ -52,10 +52,11 @@ def _robust(options: argparse.Namespace) -> Answer:
     folder.mkdir(parents=True, exist_ok=True)
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the model")
-        model = identify_named(settings, wanted.model, read_logs(settings))
+        logs = read_logs(settings)
+        model = identify_named(settings, wanted.model, logs)
         controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
         trial = robustness.trial_of(wanted, settings.plant, model, controller, settings.estimator)
-        signature = robustness.signature_of(Path(options.file), trial.seed)
+        signature = robustness.signature_of(Path(options.file), settings, logs, trial.seed)
         with robustness.compiled(
             trial, 0 if options.cluster else options.cars
         ) as trial:  # others have not that library

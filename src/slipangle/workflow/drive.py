@@ -216,6 +216,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
     if own := plant_tires(wanted, model):
         dual, pedals, said = car_on(wanted, plant_chassis(wanted, model), own)
         return Plant(dual, noise=noise, seed=wanted.seed, delay=delay, lag=lag), pedals, said
+    require_effect(wanted)
     if wanted.catalogue:
         params, tire = _PLANTS[wanted.catalogue]
         tires = (tire, tire)
@@ -238,8 +239,22 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
     return Plant(car, noise=noise, seed=wanted.seed, delay=delay, lag=lag), driver, text
 
 
+def require_effect(wanted: PlantSettings) -> None:
+    """Raise a ConfigError if a plant that is not on tires of files is given what it does not heed."""
+    told = f"of the catalogue, {shown(wanted.catalogue)}" if wanted.catalogue else "made of the identified bicycle"
+    whose = f"from outside, {shown(wanted.kind)}" if wanted.kind else told
+    foreign = bool(wanted.kind or wanted.catalogue)
+    for name, given in {"friction": foreign and wanted.friction != 1.0, "car": bool(wanted.car)}.items():
+        if given:
+            raise ConfigError(
+                f"[plant] has {name}, which changes nothing of a car {whose}; expected it beside tires of files: leave "
+                f"it out, or {'leave kind out' if wanted.kind else 'add a tire'}"
+            )
+
+
 def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
     """A vehicle from outside, and who holds its speed: its input v_x, an acceleration a_x, or the vehicle itself."""
+    require_effect(wanted)
     plant = Plant(PLANTS[wanted.kind](**wanted.entries), noise=Values(**wanted.noise), seed=wanted.seed)
     others = [n for n in plant.model.inputs if n not in ("delta", "v_x", "a_x")]
     if others or "delta" not in plant.model.inputs:

@@ -182,22 +182,25 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
 
     ``make`` takes how many were tried before and the model's settings, each after those that it is made of.
 
-    Raises SlipangleError if all fail, or an entry of the job is wrong.
+    Raises SlipangleError if all fail, that of the first; or if an entry of the job is wrong.
     """
     made: dict[str, T] = {}
     failures: dict[str, str] = {}
+    causes: list[SlipangleError] = []
     for i, wanted in enumerate(settings.model_order()):
         try:
             made[wanted.name] = make(i, wanted)
-        except (SlipangleError, *_NUMERICAL) as error:
-            wrong_entry = isinstance(error, ConfigError) and not isinstance(error, MissingExtraError)
-            alone = not made and i == len(settings.model) - 1
-            if isinstance(error, SlipangleError) and (wrong_entry or alone):
+        except SlipangleError as error:
+            if isinstance(error, ConfigError) and not isinstance(error, MissingExtraError):
                 raise
+            causes.append(error)
+            failures[wanted.name] = str(error)
+        except _NUMERICAL as error:
             said = f"its fit broke down in numbers ({str(error)[:120]}); expected richer data: fewer lags or parameters"
-            if alone:
-                raise SimulationError(f"'{wanted.name}': {said}") from None
-            failures[wanted.name] = str(error) if isinstance(error, SlipangleError) else said
+            causes.append(SimulationError(f"'{wanted.name}': {said}"))
+            failures[wanted.name] = said
+    if not made:
+        raise causes[0]  # of which others may be the consequence
     return {m.name: made[m.name] for m in settings.model if m.name in made}, failures
 
 

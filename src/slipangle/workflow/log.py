@@ -58,7 +58,7 @@ def read_logs(settings: Settings) -> Logs:
     first, second = _files(settings)
     if second is None:
         data = condition(first, settings)
-        train, test = data.split(settings.data.train)
+        train, test = _parted(first, data, settings)
         opening, test = opened(test, settings)
         others = _others(settings, data)
         return Logs(raw=first, data=data, train=train, test=test, opening=opening, others=others)
@@ -68,6 +68,19 @@ def read_logs(settings: Settings) -> Logs:
     raw, data = join(first, second, name=name), join(train, test, name=name)
     opening, test = opened(test, settings)
     return Logs(raw=raw, data=data, train=train, test=test, opening=opening, others=_others(settings, data))
+
+
+def _parted(raw: Dataset, data: Dataset, settings: Settings) -> tuple[Dataset, Dataset]:
+    """Training and test part of one log, conditioned as ``data``.
+
+    A low-pass that runs both ways, and a derivative, carry rows into those before them: what is trained on is
+    conditioned without what is judged on.
+    """
+    train, test = data.split(settings.data.train)
+    if not (np.diff(raw.t) > 0).all():  # no time tells the row
+        return train, test
+    rows = int(np.searchsorted(raw.t, test.t[0] - 1e-6 * raw.dt))
+    return _conditioned(raw.rows(0, rows), settings), test
 
 
 def _require_apart(train: Dataset, test: Dataset) -> None:
@@ -268,13 +281,12 @@ def _without_crumbs(data: Dataset, filtered: bool) -> Dataset:
 
 
 def condition(data: Dataset, settings: Settings) -> Dataset:
-    """Despiked and resampled as asked; each step leaves a note."""
-    for channel in settings.data.despike:
-        data, _ = despike(data, channel)
-    rate, cutoff = settings.data.rate, settings.data.cutoff
-    if rate is None or math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
-        data = data if cutoff is None else data.resample(data.dt, cutoff=cutoff)
-    else:
+    """Despiked and resampled as asked; each step leaves a note.
+
+    Raises ConfigError if the rate leaves too few samples, or makes too many.
+    """
+    rate = settings.data.rate
+    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
         longest = data.n_longest * data.dt
         cells = data.duration * rate * len(data.channels)
         if longest * rate < _FEWEST or cells > _CELLS:
@@ -283,7 +295,17 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
                 f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
                 f"logged at {1 / data.dt:.4g} Hz"
             )
+    return _conditioned(data, settings)
+
+
+def _conditioned(data: Dataset, settings: Settings) -> Dataset:
+    for channel in settings.data.despike:
+        data, _ = despike(data, channel)
+    rate, cutoff = settings.data.rate, settings.data.cutoff
+    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
         data = data.resample(1 / rate, cutoff=cutoff)
+    elif cutoff is not None:
+        data = data.resample(data.dt, cutoff=cutoff)
     data = _without_crumbs(data, bool(settings.data.filter))
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)

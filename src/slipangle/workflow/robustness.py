@@ -21,6 +21,7 @@ from slipangle.errors import ConfigError, SlipangleError
 from slipangle.export import build, load
 from slipangle.identify.search.pool import Cluster, Local, Report, Task, Value
 from slipangle.models.model import Model
+from slipangle.models.provenance import content
 from slipangle.optimal.terms import Values
 from slipangle.report import Figure, Number, Page, Section, Verdict
 from slipangle.report.robust import CHANGES, breaking_map, shares_by_change, worst_cars
@@ -36,10 +37,12 @@ from slipangle.workflow.drive import (
     identified_bicycle,
     late,
     plant_chassis,
+    require_effect,
     whole_driver,
 )
+from slipangle.workflow.log import Logs
 from slipangle.workflow.settings import Settings
-from slipangle.workflow.tires import equivalent, plant_tires
+from slipangle.workflow.tires import TIRES, equivalent, plant_tires
 
 ACCELEROMETER = 0.1  # m/s2, standard deviation of its noise
 BATCH = 50  # cars side by side
@@ -69,6 +72,8 @@ def trial_of(
     if plant.kind:
         raise ConfigError("a vehicle from outside cannot be perturbed; expected a plant of the toolbox: leave kind out")
     known, tires = identified_bicycle(model), plant_tires(plant, model)
+    if not tires:
+        require_effect(plant)
     if tires:
         bicycle, friction = equivalent(plant, plant_chassis(plant, model), tires)
     elif plant.catalogue:
@@ -203,7 +208,7 @@ def _read(journal: Path, signature: str) -> dict[int, np.ndarray]:
         same = False
     if not same:
         raise ConfigError(
-            f"'{journal}' keeps cars of another job or seed; expected the same: name another folder with --out"
+            f"'{journal}' keeps cars of another job, log or seed; expected the same: name another folder with --out"
         )
     for line in lines[1:]:
         try:
@@ -218,9 +223,13 @@ def _read(journal: Path, signature: str) -> dict[int, np.ndarray]:
     return kept
 
 
-def signature_of(file: Path, seed: int) -> str:
-    """What a journal belongs to: the job as written, the seed, the size of the batches."""
-    return hashlib.sha256(file.read_bytes() + f"{seed} {BATCH}".encode()).hexdigest()
+def signature_of(file: Path, settings: Settings, logs: Logs, seed: int) -> str:
+    """What a journal belongs to: the job as written, the data and files it names, the seed, the size of the batches."""
+    tables = [model.entries for model in settings.model] + [vars(settings.plant), vars(settings.controller)]
+    named = [v for table in tables for key, v in table.items() if isinstance(v, Path) or (key in TIRES and v)]
+    files = b"".join(path.read_bytes() for path in map(Path, (file, *named)) if path.is_file())
+    data = [content(each) for each in (logs.train, *logs.others.values())]
+    return hashlib.sha256(files + f"{data} {seed} {BATCH}".encode()).hexdigest()
 
 
 # ---- the page ------------------------------------------------------------------------------------------------------

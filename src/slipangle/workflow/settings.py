@@ -100,7 +100,7 @@ class DataSettings:
     rate : float
         What the log is resampled to, after a zero-phase low-pass. [Hz]
     cutoff : float
-        Of that low-pass; by default 0.4 times the rate. Without a rate the log is low-passed at its own. [Hz]
+        Of that low-pass; by default 0.4 times the rate, and without a rate the log is low-passed at its own. [Hz]
     despike : tuple of str
         Channels whose spikes are replaced by what lies between their neighbours.
     hold : str
@@ -112,7 +112,8 @@ class DataSettings:
     filter : str
         A condition on channels and t, in SI units, such as "v_x > 5 and t < 200"; other rows are cut.
     train : float
-        First part of the log, that is identified from; the rest is judged on. Not used where there are ``test`` files.
+        First part of the log, that is identified from; the rest is judged on, but all is identified from where there
+        are ``test`` files.
     start : int
         Samples of each test record whose measured outputs tell the model's initial state; they do not count in its
         scores.

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 import slipangle as sa
-from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.linear.transfer_function import TransferFunction
 
 DT, FINE = 0.05, 20
@@ -109,6 +109,33 @@ def test_intervals_cover(name):
         info = settings(name).fit(log(name, seed, noise=0.05)).fit_info
         inside.append(np.abs(info.values - truth(name)) <= 1.96 * info.std)
     assert 0.88 <= np.mean(inside) <= 0.99
+
+
+def first_order(a, gain, seed, dt=0.05, n=1200):
+    """``y' = -a y + gain u`` behind a steering of five tones that is held, with noise; and y without it."""
+    rng = np.random.default_rng(seed)
+    t, decay = dt * np.arange(n), np.exp(-a * dt)
+    phases = rng.uniform(0, 2 * np.pi, 5)
+    u = sum(0.012 * np.sin(2 * np.pi * f * t + p) for f, p in zip((0.11, 0.23, 0.47, 0.71, 1.1), phases, strict=True))
+    y = signal.lfilter([0.0, gain * (1 - decay) / a], [1.0, -decay], u)
+    measured = y + 0.01 * rng.standard_normal(n)
+    return sa.Dataset.from_arrays({"u": u}, {"y": measured}, dt, name=f"{seed}"), y
+
+
+@pytest.mark.parametrize("seed", [2, 6, 9])
+def test_a_pole_too_many_is_no_unstable_one(seed):
+    """It all but cancels with the zero too many, wherever they are: where they grow, no free run stays."""
+    model = TransferFunction(delay=0.0).fit(first_order(16.0, 68.0, seed)[0])
+    other, y = first_order(16.0, 68.0, seed + 100)
+    run = model.simulate(other)
+    assert np.roots([1.0, model.fit_info.values[1], model.fit_info.values[0]]).real.max() <= 0
+    assert np.std(run.y[50:, 0] - y[50:]) < 0.1 * np.std(y)
+
+
+def test_an_unstable_system_is_found_unstable():
+    with pytest.warns(ModelWarning, match="the model is unstable"):
+        info = TransferFunction(poles=1, delay=0.0).fit(first_order(-0.1, 5.0, 0)[0]).fit_info
+    assert info.values[0] == pytest.approx(-0.1, abs=3e-4)
 
 
 def test_bad_input_is_said():

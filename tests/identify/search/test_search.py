@@ -3,13 +3,14 @@
 import os
 import signal
 import sys
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.identify.networks.problem import Stage
-from slipangle.identify.search.narx import THESIS, WIDER, NarxObjective
+from slipangle.identify.search.narx import STAGES, THESIS, WIDER, NarxObjective
 from slipangle.identify.search.pool import Local, Task, attempt
 from slipangle.identify.search.search import Choice, Range, Search, SearchResult, TrialResult, columns
 from tests.identify.networks.test_hybrid import nonlinear_response
@@ -101,6 +102,38 @@ def test_another_search_does_not_continue_a_journal(optuna, tmp_path):
     quick(trials=1, journal=tmp_path / "j").run(bowl)
     with pytest.raises(ConfigError, match="another search"):
         quick(trials=2, seed=5, journal=tmp_path / "j").run(bowl)
+
+
+@dataclass(frozen=True)
+class Bowl:
+    signature: str
+
+    def __call__(self, settings, seed, report):
+        return bowl(settings, seed)
+
+
+def test_a_journal_is_of_one_log_and_training(optuna, tmp_path):
+    quick(trials=1, journal=tmp_path / "j").run(Bowl("a"))
+    quick(trials=1, journal=tmp_path / "j").run(Bowl("a"))
+    with pytest.raises(ConfigError, match="another search"):
+        quick(trials=1, journal=tmp_path / "j").run(Bowl("b"))
+
+
+def test_what_is_searched_for_is_the_data_and_the_training():
+    data = nonlinear_response(100)
+    own = NarxObjective(data=data).signature
+    assert NarxObjective(data=replace(data, name="renamed")).signature == own
+    other = data.values.copy()
+    other[50, -1] = np.nextafter(other[50, -1], np.inf)
+    longer = (replace(STAGES[0], epochs=STAGES[0].epochs + 1), *STAGES[1:])
+    changed = [{"data": replace(data, values=other)}, {"stages": longer}, {"shares": (0.5, 1.0)}]
+    assert all(NarxObjective(**{"data": data} | change).signature != own for change in changed)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_is_what_generators_take(seed):
+    with pytest.raises(ParameterError, match="seed is"):
+        quick(seed=seed)
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch):

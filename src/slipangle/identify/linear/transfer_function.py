@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ from slipangle.numerics.linear_response import LTI
 _DELAYS, _CORNERS = 6, 5  # of the grid on which the start is looked for
 _ROUNDS, _STARTS = 5, 3  # how often instruments refine each of its points; points that the search starts from
 _GROWTH = 30.0  # largest real part of a pole times the length of an experiment
+_UNSTABLE = 3.0  # such a product from which a stable system is looked for, too
+_BEYOND_CHANCE = 14.0  # twice the log-likelihood by which an unstable one has to be better
 _FAR = 1e8  # scaled coefficients are smaller
 
 
@@ -36,7 +39,8 @@ class TransferFunction(LinearEstimator[ContinuousTimeModel]):
     The input is held over each sample and late by ``T_d``, of any part of a sample; the response is exact. Numerator,
     level and the state at the start of every experiment are solved for inside the search over denominator and delay,
     so that noisy outputs do not bias them. It starts from the best of a grid of delays and filters, refined by
-    instrumental variables ([1]_, [2]_). The fit's parameters are a_0 to a_(n-1), b_0 to b_m, T_d with their intervals;
+    instrumental variables ([1]_, [2]_). Where a stable system explains the data as well as one that grows far over
+    them, it is the stable one. The fit's parameters are a_0 to a_(n-1), b_0 to b_m, T_d with their intervals;
     the model is the sampled state space of them, past inputs being states.
 
     Parameters
@@ -93,6 +97,7 @@ class _Problem(HeldResponse):
         self.shape = tuple(f"a_{i}" for i in range(n))
         self.names = (*self.shape, *(f"b_{j}" for j in range(self.gains)), *(("T_d",) if late else ()))
         self.scale = 1.0  # rad/s
+        self.growth = _GROWTH
         ends = ([0.0], [self.max_delay]) if late else ([], [])
         self.low, self.high = np.array([*[-_FAR] * n, *ends[0]]), np.array([*[_FAR] * n, *ends[1]])
 
@@ -124,7 +129,7 @@ class _Problem(HeldResponse):
         return self.scale ** (self.order - np.arange(self.order, dtype=float))
 
     def errors(self, z: np.ndarray) -> np.ndarray:
-        if self._poles(self.split(z)[0]).real.max() * self.longest > _GROWTH:
+        if self._poles(self.split(z)[0]).real.max() * self.longest > self.growth:
             return np.full(len(self.y), 1e100)
         return super().errors(z)
 
@@ -135,7 +140,24 @@ class _Problem(HeldResponse):
     # ---- the start ---------------------------------------------------------------------------------------------
 
     def search(self) -> np.ndarray:
-        """The best point of the searches that start from the best of the grid."""
+        """The best point; of a stable system, unless an unstable one is better beyond chance.
+
+        A pole that grows and a zero that all but cancels it change the errors by nothing, while the free run of such a
+        model leaves every record.
+        """
+        cost, scale, point = self._best()
+        self.scale = scale
+        if self._poles(self.split(point)[0]).real.max() * self.longest > _UNSTABLE:
+            self.growth = 0.0
+            with contextlib.suppress(ExcitationError):
+                other = self._best()
+                if len(self.y) * np.log(other[0] / cost) < _BEYOND_CHANCE:
+                    cost, scale, point = other
+        self.scale, self.growth = scale, _GROWTH
+        return point
+
+    def _best(self) -> tuple[float, float, np.ndarray]:
+        """Cost, scale and point of the best of the searches that start from the best of the grid."""
         corners = np.geomspace(3 / self.longest, 1 / self.dt, _CORNERS)
         late = np.linspace(0.0, self.max_delay, _DELAYS) if self.late else [self.known]
         found = []
@@ -162,13 +184,12 @@ class _Problem(HeldResponse):
             z = np.clip([*(a / self._scales()), *([d] if self.late else [])], self.low, self.high)
             end = least_squares(z, errors=self.errors, jacobian=self.jacobian, bounds=(self.low, self.high))
             ends.append((end.cost, self.scale, end.point))
-        _, self.scale, point = min(ends, key=lambda e: e[0])
-        return point
+        return min(ends, key=lambda e: e[0])
 
     def cost(self, a: np.ndarray, delay: float) -> float:
         """Sum of squared errors of a denominator and delay; infinite where its poles are out of reach."""
         poles = self._poles(a)
-        if not np.isfinite(a).all() or poles.real.max() * self.longest > _GROWTH:
+        if not np.isfinite(a).all() or poles.real.max() * self.longest > self.growth:
             return np.inf
         self.scale = 1.0
         found = float(np.sum(self.errors(np.array([*a, *([delay] if self.late else [])])) ** 2))

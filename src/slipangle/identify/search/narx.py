@@ -16,6 +16,7 @@ from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.search.pool import Report, Value
 from slipangle.identify.search.search import Choice, Range
+from slipangle.models.provenance import content
 
 STAGES = (Stage(horizon=1, epochs=150, learning_rate=3e-3), Stage(horizon=40, epochs=150, learning_rate=3e-3))
 THESIS: Mapping[str, Range | Choice] = {
@@ -53,6 +54,11 @@ class NarxObjective:
 
     def __post_init__(self) -> None:
         stretches(self.data, self.shares)
+
+    @property
+    def signature(self) -> str:
+        """What the scores are of: the data and the training."""
+        return repr((content(self.data), self.stages, self.shares))
 
     def estimator(self, settings: Mapping[str, Value], seed: int) -> NARX:
         """The network of a trial: ``na``, ``nb``, ``layers``, ``neurons`` and, if searched, the others."""

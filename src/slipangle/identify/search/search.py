@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.extras import extra
-from slipangle.fields import Checked, Count
+from slipangle.fields import Checked, Count, Seed
 from slipangle.identify.networks.training import Progress
 from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Task, Value
 from slipangle.shown import Shown
@@ -132,7 +132,7 @@ class Search(Checked):
     space: Mapping[str, Range | Choice]
     trials: Count = 32
     journal: str | Path | None = None
-    seed: int = 0
+    seed: Seed = 0
     workers: Count = 2
     cluster: str | None = None
     round_size: Count = 8
@@ -159,7 +159,8 @@ class Search(Checked):
         ----------
         objective : callable
             From settings, a seed and ``report(value)`` to a score, smaller being better; at module level, so that
-            other processes can import it. What it raises becomes the trial's reason. ``report`` takes what is known of
+            other processes can import it. What it raises becomes the trial's reason. Where it has a ``signature``, a
+            journal of another one is refused. ``report`` takes what is known of
             the score on the way, and ends the trial where that is not worth going on.
         progress : callable, optional
             Told the share done and the best so far.
@@ -168,7 +169,7 @@ class Search(Checked):
         """
         optuna = extra("optuna", "cluster", "searching")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        study = self._study(optuna)
+        study = self._study(optuna, getattr(objective, "signature", ""))
         if len(self._told(study)) >= self.trials:  # all kept: no process is needed
             return SearchResult(trials=tuple(self._told(study)[: self.trials]))
         pool: Any = Cluster(self.cluster) if self.cluster else Local(self.workers)
@@ -181,7 +182,7 @@ class Search(Checked):
 
     # ---- the study ---------------------------------------------------------------------------------------------
 
-    def _study(self, optuna: Any) -> Any:
+    def _study(self, optuna: Any, scored: str) -> Any:
         storage = None
         if self.journal is not None:
             journal = importlib.import_module("optuna.storages.journal")
@@ -190,16 +191,15 @@ class Search(Checked):
             backend = journal.JournalFileBackend(str(path), lock_obj=lock)
             storage = optuna.storages.JournalStorage(backend)
         study = optuna.create_study(study_name="slipangle", storage=storage, direction="minimize", load_if_exists=True)
-        signature = repr(
-            (sorted((k, repr(v)) for k, v in self.space.items()), self.seed, self.round_size, self.sampler, self.pruner)
-        )
+        space = sorted((k, repr(v)) for k, v in self.space.items())
+        signature = repr((space, self.seed, self.round_size, self.sampler, self.pruner, scored))
         kept = study.user_attrs.get("search")
         if kept is None:
             study.set_user_attr("search", signature)
         elif kept != signature:
             raise ConfigError(
-                f"'{self.journal}' keeps another search (space, seed, round size, sampler or pruner differ); expected "
-                "the same: name another journal"
+                f"'{self.journal}' keeps another search (log, training, space, seed, round size, sampler or pruner "
+                "differ); expected the same: name another journal"
             )
         return study
 
