@@ -222,10 +222,22 @@ def test_a_lap_that_was_not_found_is_no_lap():
         sa.fastest_lap(RACER, circuit(), points=60, iterations=2)
 
 
+def test_a_start_too_fast_to_brake_from_is_named():
+    s = np.arange(0.0, 120.0, 5.0)
+    bend = sa.Path.from_points(s, 15 * np.sin(s / 20.0), right=3.0, left=3.0)
+    with pytest.raises(SolverError, match=r"v_start is 80 m/s, .* expected a lower one"):
+        sa.fastest_lap(RACER, bend, points=60, v_start=80.0)
+
+
 def test_settings_out_of_range_are_named():
     for wrong in ({"points": 5}, {"smoothness": 0.0}, {"v_max": -1.0}, {"margin": -1.0}, {"line": "best"}):
         with pytest.raises(ParameterError):
             sa.fastest_lap(RACER, circuit(), **wrong)
+    for wrong in ({"points": 60.5}, {"points": "60"}, {"iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}):
+        with pytest.raises(ParameterError, match="expected"):
+            sa.fastest_lap(RACER, circuit(), **wrong)  # pyright: ignore
+    with pytest.raises(ParameterError, match="expected a Lap"):
+        sa.fastest_lap(RACER, circuit(), like=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="closed"):
         sa.fastest_lap(RACER, circuit(), v_start=10.0)
     with pytest.raises(ParameterError, match="expected a Path"):
@@ -323,3 +335,5 @@ def test_what_is_allowed_at_a_place_holds_there_and_costs_time():
 def test_what_cannot_be_allowed_is_refused():
     with pytest.raises(ParameterError, match="forces above zero"):
         sa.fastest_lap(RACER, circuit(), points=80, allowed=lambda s: (0.0 * s, 30.0 + s))
+    with pytest.raises(ParameterError, match="the largest forces and the largest speeds"):
+        sa.fastest_lap(RACER, circuit(), points=80, allowed=lambda s: s)  # pyright: ignore
