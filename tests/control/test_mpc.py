@@ -13,6 +13,7 @@ from slipangle.errors import ParameterError
 from slipangle.optimal.engine import Engine
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Status, within
 from slipangle.optimal.terms import Limits, Values, Weights
 from tests.optimal.linear import Linear, double_integrator, lqr, two_masses
@@ -270,6 +271,17 @@ def test_stop_law_goes_to_the_safe_input_within_limits():
     slow = replace(mpc, rates=Limits(a=1.0))
     assert slow.plan(np.full(2, np.nan), still(mpc), applied=np.array([2.0])).command == pytest.approx([1.9])
     assert replace(CART, limits=Limits(a=(0.3, 2.0))).plan(np.full(2, np.nan), still(CART)).u == pytest.approx(0.3)
+
+
+def test_a_safe_input_beyond_its_limits_is_refused():
+    with pytest.raises(ParameterError, match="safe is 9 for 'a', whose limits are -2 and 2"):
+        replace(CART, limits=Limits(a=2.0), safe=Values(a=9.0))
+
+
+@pytest.mark.parametrize("solver", [Ipopt, RealTime])
+def test_a_solver_that_is_a_class_is_named(solver):
+    with pytest.raises(ParameterError, match=r"settings such as Ipopt\(\)"):
+        replace(CART, solver=solver)
 
 
 def test_infeasible_is_said_and_survived():
