@@ -236,7 +236,7 @@ def test_settings_out_of_range_are_named():
     for wrong in ({"points": 60.5}, {"points": "60"}, {"iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}):
         with pytest.raises(ParameterError, match="expected"):
             sa.fastest_lap(RACER, circuit(), **wrong)  # pyright: ignore
-    with pytest.raises(ParameterError, match="expected a Lap"):
+    with pytest.raises(ParameterError, match="the lap to be like is 3; expected a Lap of 'circuit'"):
         sa.fastest_lap(RACER, circuit(), like=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="closed"):
         sa.fastest_lap(RACER, circuit(), v_start=10.0)

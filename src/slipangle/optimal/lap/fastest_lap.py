@@ -14,7 +14,7 @@ from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.course import Course, course, spread
 from slipangle.optimal.lap.envelope import Envelope, envelope
-from slipangle.optimal.lap.lap import Lap, lap_of
+from slipangle.optimal.lap.lap import Lap, lap_of, require_lap_of
 from slipangle.optimal.lap.line import minimum_curvature
 from slipangle.optimal.lap.profile import speed_profile
 from slipangle.optimal.lap.program import N_STATES, scales
@@ -184,8 +184,6 @@ def _check(
 ) -> None:
     if not isinstance(track, Path):
         raise ParameterError(f"the track is a {type(track).__name__}; expected a Path: sa.Path.from_file(...)")
-    if not isinstance(like, Lap | None):
-        raise ParameterError(f"like is {shown(like)}; expected a Lap of this track, or None")
     require_known(line, ("free", "given"), "line")
     for name, count, low, high in (
         ("points", 20 if points is None else points, 20, _MOST),
@@ -202,11 +200,8 @@ def _check(
     ):
         if not low <= value <= high:
             raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
-    if like is not None and (like.track.closed, like.track.length) != (track.closed, track.length):
-        raise ParameterError(
-            f"the lap to be like is one of '{like.track.name}', {like.track.length:.5g} m; expected one of "
-            f"'{track.name}', {track.length:.5g} m"
-        )
+    if like is not None:
+        require_lap_of(track, like, "the lap to be like")
     if v_start is not None and track.closed:
         raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
 
