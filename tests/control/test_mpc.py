@@ -10,9 +10,12 @@ import pytest
 from slipangle.control.fallback import RELAX
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
+from slipangle.models.custom import Ode
+from slipangle.ops import cos, sin
 from slipangle.optimal.engine import Engine
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Status, within
 from slipangle.optimal.terms import Limits, Values, Weights
 from tests.optimal.linear import Linear, double_integrator, lqr, two_masses
@@ -272,6 +275,17 @@ def test_stop_law_goes_to_the_safe_input_within_limits():
     assert replace(CART, limits=Limits(a=(0.3, 2.0))).plan(np.full(2, np.nan), still(CART)).u == pytest.approx(0.3)
 
 
+def test_a_safe_input_beyond_its_limits_is_refused():
+    with pytest.raises(ParameterError, match="safe is 9 for 'a', whose limits are -2 and 2"):
+        replace(CART, limits=Limits(a=2.0), safe=Values(a=9.0))
+
+
+@pytest.mark.parametrize("solver", [Ipopt, RealTime])
+def test_a_solver_that_is_a_class_is_named(solver):
+    with pytest.raises(ParameterError, match=r"settings such as Ipopt\(\)"):
+        replace(CART, solver=solver)
+
+
 def test_infeasible_is_said_and_survived():
     mpc = replace(CART, limits=Limits(a=2.0, p=(-1.0, 1.0)))
     good = mpc.plan(np.array([0.5, 0.0]), still(mpc))
@@ -282,6 +296,35 @@ def test_infeasible_is_said_and_survived():
     assert plan.command == pytest.approx(good.u[1])
     soft = replace(mpc, slack=Weights(p=100.0))
     assert soft.plan(np.array([0.9, 8.0]), still(mpc)).status is Status.SOLVED
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler was found")
+@pytest.mark.parametrize("ahead", [1.5, 2.0])
+def test_an_obstacle_that_appears_is_passed_by_the_plan_of_that_step(solver, ahead):
+    """No step that keeps the limits as they are at the plan before: it led straight through."""
+    unicycle = Ode(
+        f=lambda x, u, p: [x[3] * cos(x[2]), x[3] * sin(x[2]), u[0], u[1]],
+        **dict(states=("p_x", "p_y", "way", "speed"), inputs=("turn", "push"), params={}, dt=0.1),
+    )
+    mpc = MPC(
+        unicycle,
+        **dict(horizon=15, Q=Weights(p_x=1.0, p_y=1.0), R=Weights(turn=0.05, push=0.05), parameters=("at",)),
+        terms={"gap": lambda x, u, p: (x[0] - p.at) ** 2 + (x[1] - 0.05) ** 2 - 0.5**2},
+        limits=Limits(turn=2.0, push=3.0, speed=(-1.0, 4.0), gap=(0.0, inf)),
+        rates=Limits(turn=15.0),
+        terminal_limits=Limits(speed=(0.0, 0.0)),
+        solver=replace(solver, iterations=1) if isinstance(solver, RealTime) else solver,
+    )
+    x = np.array([0.0, 0.0, 0.0, 2.8])
+    free = mpc.plan(x, at=50.0, p_x=2.9)
+    plan = mpc.plan(free.x[1], previous=free, at=free.x[1, 0] + ahead, p_x=2.9)
+    assert (plan.status.solved, plan.age) == (True, 0)
+    X, Y, way, speed = free.x[1]
+    for turn, push in plan.u:  # driven in a hundred steps each
+        for _ in range(100):
+            X, Y, way, speed = X + 1e-3 * speed * np.cos(way), Y + 1e-3 * speed * np.sin(way), way + 1e-3 * turn, speed
+            speed += 1e-3 * push
+        assert np.hypot(X - free.x[1, 0] - ahead, Y - 0.05) > 0.5 - 0.02
 
 
 def test_deadline_gives_time_out_and_a_fallback():

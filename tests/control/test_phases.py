@@ -99,8 +99,8 @@ def plain(x0, s, phi, applied):
     cost += 5.0 * (x[0] - phi) ** 2
     low = [-2.0] * 14 + [-0.5] * 8 + [0.0] * 6
     high = [2.0] * 14 + [1.0] * 8 + [np.inf] * 6
-    # |v| <= 1 + over as two rows below 1; changes within the rate, each of 0.05 s
-    rows, below = [*g, *changes, *(-c for c in changes)], [1.0] * 12 + [15.0 * 0.05] * 16
+    # |v| <= 1 + over as two rows below 1; changes within the rate over the time from middle to middle of their stages
+    rows, below = [*g, *changes, *(-c for c in changes)], [1.0] * 12 + 2 * ([15.0 * 0.075] + [15.0 * 0.05] * 7)
     least, v = minimum(cost, [a, b, fan, over], low, high, rows, below)
     return least, v[:6], v[6:22].reshape(2, 8).T
 
@@ -193,6 +193,21 @@ def test_huber_costs_free_parameters_and_implicit_steps_have_their_place(solver)
     for ours, other in zip(plan.phases, theirs.phases, strict=True):
         assert ours.u == pytest.approx(other.u, abs=1e-6)
     assert abs(plan.phases[2].x[-1, 1]) <= 0.2 + 1e-8
+
+
+@pytest.mark.parametrize(("dt", "later"), [(0.1, 0.2), (0.2, 0.1)])
+def test_the_rate_over_a_junction_is_that_from_middle_to_middle(solver, dt, later):
+    """Full throttle, then the far side as soon as the rate lets it."""
+    push = [
+        MPC(
+            Ode(f=lambda x, u, p: [x[1], u[0]], states=("s", "v"), inputs=("a",), params={}, dt=step),
+            **dict(horizon=4, controls=("a",), Q=Weights(v=1.0), R=Weights(a=1e-6), terminal=Weights(v=1.0)),
+            **dict(limits=Limits(a=1.0), rates=Limits(a=(-1.5, 1.5))),
+        )
+        for step in (dt, later)
+    ]
+    plan = Phases(push, solver=solver).plan(np.zeros(2), [{"v": 9.0}, {"v": -9.0}], applied=np.array([1.0]))
+    assert plan.phases[1].u[0] - plan.phases[0].u[-1] == pytest.approx(-1.5 * 0.5 * (dt + later), abs=1e-6)
 
 
 def test_a_junction_without_an_effect_is_one_horizon(solver):

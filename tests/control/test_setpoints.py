@@ -160,3 +160,12 @@ def test_weights_of_another_length_are_named_as_weights():
     for what, said in (("R", r"R of 'a' has 3 entries; expected a number or 6"), ("Q", r"Q of 's' has 3 entries")):
         with pytest.raises(ParameterError, match=said):
             damped().setpoint(s=1.0, **{what: {"a" if what == "R" else "s": [1.0, 2.0, 3.0]}})
+
+
+def test_a_limit_below_zero_is_refused_as_in_the_problem():
+    mpc = damped(limits=Limits(a=2.0, v=1.0))
+    for given in (lambda: Limits(v=-0.5), lambda: mpc.setpoint(s=1.0, limits={"v": -0.5})):
+        with pytest.raises(ParameterError, match=r"the limit of 'v' is -0\.5; expected \(lower, upper\)"):
+            given()
+    same = [mpc.setpoint(s=1.0, limits={"v": both}).limits for both in (0.5, (-0.5, 0.5))]
+    assert (same[0] == same[1]).all()

@@ -81,3 +81,13 @@ def test_a_wanted_input_without_a_weight_is_refused():
     with pytest.raises(ParameterError, match="names the input 'a', which has no weight in R"):
         mpc.setpoint(a=0.3)
     assert posed().setpoint(a=0.3).inputs is not None
+
+
+@pytest.mark.parametrize("free", [{"slack": {"speed": 0.0}}, {"slack": {"speed": 0.0}, "slack_linear": {"speed": 0.0}}])
+def test_a_soft_limit_at_no_price_is_refused(free):
+    limits = {"a": 2.0, "speed": 0.1}
+    with pytest.raises(ParameterError, match="the limit of 'speed' is soft at no price"):
+        posed(limits=limits, **free)
+    for priced in ({"slack": {"speed": 0.0}, "slack_linear": {"speed": 9.0}}, {}):
+        plan = posed(limits=limits, **priced).plan(np.zeros(2), s=1.0)
+        assert plan.x[:, 1].max() == pytest.approx(0.1, abs=1e-9)

@@ -96,6 +96,12 @@ class Fallbacks(Checked, Led):
         require_solver(solver)
         self.__post_init__()
         require_names(self.safe, ocp.controls, "safe", "use a decided input")
+        for name, value in self.safe.items():
+            low, high = ocp.input_bounds[ocp.controls.index(name)]
+            if not low <= value <= high:
+                raise ParameterError(
+                    f"safe is {value:g} for '{name}', whose limits are {low:g} and {high:g}; expected one within them"
+                )
         known = (*ocp.model.states, *ocp.references, *ocp.exogenous)
         require_names(self.plausible, known, "plausible", "use a state, a tracked quantity or an exogenous input")
 

@@ -1,4 +1,4 @@
-"""`require_effect`: parameters that a problem is given and nothing reads, or whose values their model does not take."""
+"""`require_effect`: what a problem is given and has no effect, or parameters whose values their model does not take."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slipangle.optimal.terms import Read, evaluated
 def require_effect(ocp: Any) -> None:
     """Raise unless terms, equations, weights or limits read every parameter that is declared, free or in scenarios.
 
-    And unless its values are within the range that the model declares.
+    And unless its values are within the range that the model declares, and every soft limit has a price.
 
     Parameters
     ----------
@@ -26,8 +26,15 @@ def require_effect(ocp: Any) -> None:
     Raises
     ------
     ParameterError
-        With the first parameter that changes nothing, or goes beyond its range.
+        With the first parameter that changes nothing, or goes beyond its range, or limit that costs nothing.
     """
+    prices = {name: max(ocp.slack.get(name, 0.0), ocp.slack_linear.get(name, 0.0)) for name in ocp.soft}
+    gifts = [name for name, price in prices.items() if price == 0]
+    if gifts:
+        raise ParameterError(
+            f"the limit of '{gifts[0]}' is soft at no price, so that it limits nothing; expected a weight above 0 in "
+            "slack or slack_linear: leave it out of both for a hard limit"
+        )
     varied = () if ocp.scenarios is None else tuple(ocp.scenarios.values)
     own = tuple(n for n in (*ocp.free, *varied) if n not in (*ocp.parameters, *ocp.model.inputs))
     given = {**({} if ocp.scenarios is None else ocp.scenarios.values), **ocp.free}

@@ -147,7 +147,10 @@ class Linked(OCP):
         return [i for i in self.slots[k] if i in self.slots[k - 1]] if k else []
 
     def _rates(self) -> np.ndarray:
-        """Limits of changes: inputs stay as they were over a jump, and are new where the phase before had none."""
+        """Limits of changes: inputs stay as they were over a jump, and are new where the phase before had none.
+
+        Over a junction they count over the time between the middles of its two stages, unless a duration is decided.
+        """
         rates = np.full((self.horizon, len(self.controls), 2), [-np.inf, np.inf])
         for k, part in enumerate(self.parts):
             start, own, known = int(self.starts[k]), self.slots[k], self._known(k)
@@ -156,6 +159,9 @@ class Linked(OCP):
                 new = [i for i in own if i not in known]
                 lead = len([j for j in part.jumps if j == 0])
                 rates[start : start + 1 + lead, new] = -np.inf, np.inf
+                before, now = self.bases[k - 1 : k + 1]
+                if before.duration is None and now.duration is None:
+                    rates[start + lead, known] *= 0.5 * (before.dt + now.dt) / now.dt
                 rates[start - 1, self.slots[k - 1]] = 0.0
                 rates[start : start + lead, known] = 0.0
         return rates

@@ -14,7 +14,7 @@ _NAMED: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
 
 def require_solver(solver: Any) -> None:
     """Raise ParameterError unless it is a known name, or settings that build a solver."""
-    if solver not in _NAMED if isinstance(solver, str) else not hasattr(solver, "build"):
+    if solver not in _NAMED if isinstance(solver, str) else isinstance(solver, type) or not hasattr(solver, "build"):
         raise ParameterError(f'the solver is {solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()')
 
 

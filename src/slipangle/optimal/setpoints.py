@@ -13,7 +13,7 @@ from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost
 from slipangle.optimal.idle import require_range
 from slipangle.optimal.ocp import NOTHING, OCP, POSE, Reference, at_nodes
-from slipangle.optimal.terms import require_names
+from slipangle.optimal.terms import Limits, require_names
 
 VARIED = ("limits", "Q", "R", "S", "scenarios")
 
@@ -114,7 +114,7 @@ def vary(
         rows = ocp.limits_at_nodes.copy()
         for name, both in limits.items():
             if isinstance(both, int | float):
-                both = (-abs(both), abs(both))  # as in `Limits`
+                both = Limits({name: both})[name]
             if isinstance(both, np.ndarray) and np.ndim(both):
                 both = [*both]
             if not (isinstance(both, tuple | list) and len(both) == 2):

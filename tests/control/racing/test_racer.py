@@ -17,7 +17,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.road import Road
 from slipangle.simulate.drive import drive
-from tests.optimal.lap.cars import circuit, straight
+from tests.optimal.lap.cars import circuit, ring, straight
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
 SEEN = ("X", "Y", "psi", "v_x", "r", "a_x", "a_y")
@@ -311,6 +311,9 @@ def test_before_the_first_pose_it_waits():
         ({"dt": -0.05}, "dt -0.05 s"),
         ({"steering_lag": -0.1}, "steering_lag is -0.1"),
         ({"steering_delay": 5.0}, "steering_delay is 5"),
+        ({"track": ring()}, "the first lap is one of 'circuit', .* expected one of 'ring'"),
+        ({"lap": 3}, "the first lap is 3; expected a Lap of 'circuit'"),
+        ({"margin": 5.0}, "expected a wider track"),
     ],
 )
 def test_a_race_that_cannot_be_driven_is_refused(changed, words):

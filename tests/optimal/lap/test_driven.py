@@ -174,8 +174,23 @@ def test_logs_without_a_lap_are_named():
         sa.driven_laps(log_of(lap), straight())
     other = sa.Path.from_points(1.1 * lap.track.X[::40], 1.1 * lap.track.Y[::40], closed=True, name="other")
     driven = sa.driven_laps(log_of(lap), other)[0]
-    with pytest.raises(ParameterError, match="expected the same track"):
+    with pytest.raises(ParameterError, match=r"the fastest lap is one of 'circuit', .* expected one of 'other'"):
         sa.lap_delta(lap, driven)
+    with pytest.raises(ParameterError, match="the fastest lap is <DrivenLap"):
+        sa.lap_delta(driven, lap)  # pyright: ignore
+
+
+def test_why_a_log_has_no_lap_is_said():
+    lap = fastest()
+    log = log_of(lap, laps=2.5)
+    back = sa.Dataset(values=log.values[::-1], channels=log.channels, dt=DT)
+    with pytest.raises(TooShortError, match="against the direction of the track"):
+        sa.driven_laps(back, lap.track)
+    wide = sa.Dataset(values=log.values * [2.0, 1.0], channels=log.channels, dt=DT)
+    with pytest.raises(TooShortError, match=r"% of its places are more than 30 m from the line"):
+        sa.driven_laps(wide, lap.track)
+    with pytest.raises(TooShortError, match="take a longer record"):
+        sa.driven_laps(log_of(lap, laps=0.9), lap.track)
 
 
 @pytest.mark.slow

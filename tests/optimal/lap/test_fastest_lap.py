@@ -12,6 +12,7 @@ from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENGER_TIRE
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces, rates
+from slipangle.optimal.lap.course import course
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -173,6 +174,41 @@ def test_where_the_car_does_not_fit_is_named():
         sa.fastest_lap(RACER, circuit(width=0.8), points=60)
 
 
+def oval(at=None, right=5.0):
+    """A closed track whose points are 3 m apart, of which one may be a gate."""
+    angle = np.linspace(0.0, 2 * np.pi, 133)[:-1]
+    gate = np.where(np.arange(132) == at, right, 5.0)
+    return sa.Path.from_points(80 * np.cos(angle), 45 * np.sin(angle), closed=True, right=gate, left=5.0)
+
+
+@pytest.mark.parametrize("at", [64, 65])
+def test_a_gate_between_two_points_is_driven_through(at):
+    wide, gate = (sa.fastest_lap(RACER, track, points=60) for track in (oval(), oval(at, right=1.5)))
+    post = gate.track.right.argmin()
+    X, Y, psi = gate.track.X[post], gate.track.Y[post], gate.track.psi[post]
+    line = gate.path
+    near = np.hypot(line.X - X, line.Y - Y).argmin()
+    across = (line.Y[near] - Y) * np.cos(psi) - (line.X[near] - X) * np.sin(psi)
+    assert across > RACER.width / 2 - 1.5 - 0.1
+    assert gate.time > wide.time
+
+
+def test_a_gate_between_two_points_that_the_car_does_not_fit_through_is_named():
+    with pytest.raises(ParameterError, match=r"m wide 19. m after its start, the car needs 1\.9 m"):
+        sa.fastest_lap(RACER, oval(65, right=-4.0), points=60)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_edges_that_change_slowly_are_those_at_the_points(closed):
+    s = np.arange(0.0, 400.0, 5.0)
+    angle = 2 * np.pi * s / 400.0
+    X, Y = (60 * np.cos(angle), 60 * np.sin(angle)) if closed else (s, 0 * s)
+    track = sa.Path.from_points(X, Y, closed=closed, right=5 - np.sin(3 * angle), left=4 + np.cos(2 * angle))
+    along = course(track, np.linspace(0.0, track.length, 60), room=0.9, tolerance=None)
+    assert (along.high == track.at(along.s).left - 0.9).all()
+    assert (along.low == 0.9 - track.at(along.s).right).all()
+
+
 def test_a_track_without_edges_is_named():
     track = circuit()
     bare = sa.Path.from_points(track.X[::40], track.Y[::40], closed=True)
@@ -186,10 +222,22 @@ def test_a_lap_that_was_not_found_is_no_lap():
         sa.fastest_lap(RACER, circuit(), points=60, iterations=2)
 
 
+def test_a_start_too_fast_to_brake_from_is_named():
+    s = np.arange(0.0, 120.0, 5.0)
+    bend = sa.Path.from_points(s, 15 * np.sin(s / 20.0), right=3.0, left=3.0)
+    with pytest.raises(SolverError, match=r"v_start is 80 m/s, .* expected a lower one"):
+        sa.fastest_lap(RACER, bend, points=60, v_start=80.0)
+
+
 def test_settings_out_of_range_are_named():
     for wrong in ({"points": 5}, {"smoothness": 0.0}, {"v_max": -1.0}, {"margin": -1.0}, {"line": "best"}):
         with pytest.raises(ParameterError):
             sa.fastest_lap(RACER, circuit(), **wrong)
+    for wrong in ({"points": 60.5}, {"points": "60"}, {"iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}):
+        with pytest.raises(ParameterError, match="expected"):
+            sa.fastest_lap(RACER, circuit(), **wrong)  # pyright: ignore
+    with pytest.raises(ParameterError, match="the lap to be like is 3; expected a Lap of 'circuit'"):
+        sa.fastest_lap(RACER, circuit(), like=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="closed"):
         sa.fastest_lap(RACER, circuit(), v_start=10.0)
     with pytest.raises(ParameterError, match="expected a Path"):
@@ -287,3 +335,5 @@ def test_what_is_allowed_at_a_place_holds_there_and_costs_time():
 def test_what_cannot_be_allowed_is_refused():
     with pytest.raises(ParameterError, match="forces above zero"):
         sa.fastest_lap(RACER, circuit(), points=80, allowed=lambda s: (0.0 * s, 30.0 + s))
+    with pytest.raises(ParameterError, match="the largest forces and the largest speeds"):
+        sa.fastest_lap(RACER, circuit(), points=80, allowed=lambda s: s)  # pyright: ignore

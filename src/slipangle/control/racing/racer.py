@@ -21,8 +21,9 @@ from slipangle.control.racing.sectors import Sectors
 from slipangle.control.racing.sensing import Sensing
 from slipangle.errors import ParameterError, SolverError, shown
 from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.course import course
 from slipangle.optimal.lap.fastest_lap import fastest_lap
-from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.lap.lap import Lap, require_lap_of
 from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
 from slipangle.shown import Brief
@@ -159,6 +160,9 @@ class Racer(Brief):
             raise ParameterError(f"sample is {sample} s, dt {dt} s; expected times above zero, such as 0.01 and 0.05")
         sample = _multiple(SAMPLE * math.sqrt(size), FINEST) if sample is None else sample
         dt = _multiple(DT * math.sqrt(size), sample) if dt is None else dt
+        if lap is not None:
+            require_lap_of(track, lap, "the first lap")
+            course(track, lap.ends, room=0.5 * car.width + margin, tolerance=None)  # whether the car fits
         self._every, self._settling = round(dt / sample), SETTLING * math.sqrt(size)
         if self._every < 1 or not math.isclose(self._every * sample, dt, rel_tol=1e-6):
             raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")

@@ -10,6 +10,7 @@ from slipangle.errors import ParameterError
 from slipangle.paths.path import Path
 
 _INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
+_UNSEEN = 0.03  # of the track's mean width, up to which an edge may come in between two points
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +71,12 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
                 f"'{track.name}' has no edges everywhere; expected widths to the right and left to find a line "
                 'between: read a track with widths, or drive its own line with line="given"'
             )
+    if tolerance is None:
+        fine, enough = track.at(track.s), _UNSEEN * float(np.mean(at.left + at.right))
+        high, low = (
+            side * _kept_between(track, s, side * own, side * edge - room, enough)
+            for side, own, edge in ((1.0, high, fine.left), (-1.0, low, -fine.right))
+        )
     window = np.repeat(h / 2, 2)
     ahead, back = track.at(s + 0.5 * window).psi, track.at(s - 0.5 * window).psi
     curvature = _turned(ahead - back) / window
@@ -85,6 +92,20 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
     return Course(
         ends=ends, s=s, X=at.X, Y=at.Y, psi=at.psi, curvature=curvature, low=low, high=high, closed=track.closed
     )
+
+
+def _kept_between(track: Path, s: np.ndarray, room: np.ndarray, edge: np.ndarray, enough: float) -> np.ndarray:
+    """Room to a side at the points, less what the edge at the track's samples comes in between two of them, as a gate.
+
+    What is no more than ``enough`` counts as nothing.
+    """
+    missed = np.interp(track.s, s, room, period=track.length if track.closed else None) - edge
+    worst = np.zeros(len(s) + 1)  # before each point, and after the last one
+    np.maximum.at(worst, np.searchsorted(s, track.s), missed)
+    if track.closed:
+        worst[[0, -1]] = worst[[0, -1]].max()
+    worst[worst <= enough] = 0.0
+    return room - np.maximum(worst[:-1], worst[1:])
 
 
 def _turned(angle: np.ndarray) -> np.ndarray:

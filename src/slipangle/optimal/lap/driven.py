@@ -13,10 +13,11 @@ from scipy import signal
 from slipangle.data.dataset import Dataset
 from slipangle.data.race import with_position
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
-from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.lap.lap import Lap, require_lap_of
 from slipangle.paths.path import Path
 from slipangle.shown import Shown
 
+_ELSEWHERE = 0.2  # of the places of a log so far off, from which on they are taken to be of another frame
 _FAR = 30.0  # m from the track's line, where a log is one of another place
 _WIDE, _WIDE_SHARE = 10.0, 0.03  # m, and of a lap, that no car is beside a line without edges as a whole
 _RISE = 3.0  # m/s, by which the speed of a car of usual size rises before and after a place that ends a sector
@@ -138,7 +139,7 @@ def driven_laps(data: Dataset, track: Path, *, origin: tuple[float, float] | Non
         )
     if not found:
         raise TooShortError(
-            f"'{data.name}' holds no complete lap of '{track.name}', {how}; expected one: take a longer record"
+            f"'{data.name}' holds no complete lap of '{track.name}', {how}; expected one: {_instead(data, track)}"
         )
     _refuse_beside(found, data.name, track, how)
     return found
@@ -220,6 +221,18 @@ def _refuse_beside(found: tuple[DrivenLap, ...], name: str, track: Path, how: st
         )
 
 
+def _instead(data: Dataset, track: Path) -> str:
+    """What to do about a log without a complete lap: most of it may be driven backwards, or lie beside the track."""
+    feet = [np.asarray(track.project_all(part["X"], part["Y"])) for part in data.experiments]
+    places = [np.unwrap(each[:, 0], period=track.length) for each in feet]
+    if sum(float(place[-1] - place[0]) for place in places) < -track.length:
+        return "it is driven against the direction of the track: turn the order of the track's points round"
+    far = float(np.mean(np.abs(np.concatenate(feet)[:, 1]) > _FAR))
+    if far > _ELSEWHERE:
+        return f"{far:.0%} of its places are more than {_FAR:g} m from the line: convert them to the track's own frame"
+    return "take a longer record"
+
+
 def _laps_of(part: Dataset, feet: np.ndarray, track: Path, start: float, before: int) -> list[DrivenLap]:
     """The complete laps of one experiment, from its places beside the track; ``before`` were found already."""
     X, Y, t = part["X"], part["Y"], part.dt * np.arange(part.n_samples)
@@ -262,11 +275,7 @@ def _cut(
 
 def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
     """A driven lap against a fastest lap of the same track; raises ParameterError if the tracks differ."""
-    if abs(lap.track.length - driven.track.length) > 1e-6 * lap.track.length or not lap.track.closed:
-        raise ParameterError(
-            f"the fastest lap is one of '{lap.track.name}', {lap.track.length:.5g} m, the driven one of "
-            f"'{driven.track.name}', {driven.track.length:.5g} m; expected the same track"
-        )
+    require_lap_of(driven.track, lap, "the fastest lap")
     fastest = np.interp(driven.s, np.append(0.0, lap.s), np.append(0.0, lap.t))
     delta = driven.t - fastest
     v = np.interp(driven.s, lap.s, lap.v_x, period=lap.track.length)

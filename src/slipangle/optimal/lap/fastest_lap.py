@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.errors import ParameterError, SolverError, require_known
+from slipangle.errors import ParameterError, SolverError, require_known, shown
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.course import Course, course, spread
 from slipangle.optimal.lap.envelope import Envelope, envelope
-from slipangle.optimal.lap.lap import Lap, lap_of
+from slipangle.optimal.lap.lap import Lap, lap_of, require_lap_of
 from slipangle.optimal.lap.line import minimum_curvature
 from slipangle.optimal.lap.profile import speed_profile
 from slipangle.optimal.lap.program import N_STATES, scales
@@ -105,7 +105,7 @@ def fastest_lap(
     """
     began = time.perf_counter()
     vehicle = lap_car(car)
-    _check(track, line, points, smoothness, margin, v_max, v_start, like)
+    _check(track, line, points, smoothness, margin, v_max, v_start, like, tolerance, iterations)
     _require_length(track, vehicle)
     require_resolved(track, vehicle.size)
     count = _usual_points(track, _SPACING * vehicle.size) if points is None else points
@@ -126,9 +126,8 @@ def fastest_lap(
     )
     solved = solve(problem, guess, iterations=iterations, tolerance=tolerance)
     if not solved.status.solved:
-        raise SolverError(
-            f"no fastest lap of '{track.name}' was found in {solved.iterations} iterations: {_said(solved.status)}"
-        )
+        said = _said(solved.status, v_start, float(v[0]))
+        raise SolverError(f"no fastest lap of '{track.name}' was found in {solved.iterations} iterations: {said}")
     return lap_of(
         vehicle,
         track,
@@ -161,7 +160,9 @@ def _weights(car: LapCar, smoothness: float) -> np.ndarray:
     return smoothness * np.array(_SMOOTH) / np.array([yaw, car.delta_rate, car.force_rate * car.weight]) ** 2
 
 
-def _said(status: Status) -> str:
+def _said(status: Status, v_start: float | None, slowed: float) -> str:
+    if v_start is not None and v_start > slowed:
+        return f"v_start is {v_start:g} m/s, {slowed:.3g} could brake for what follows; expected a lower one"
     if status is Status.ITERATION_LIMIT:
         return "the iteration limit was reached; allow more iterations, or another number of points"
     if status is Status.INFEASIBLE:
@@ -178,13 +179,20 @@ def _check(
     v_max: float,
     v_start: float | None,
     like: Lap | None,
+    tolerance: float,
+    iterations: int,
 ) -> None:
     if not isinstance(track, Path):
         raise ParameterError(f"the track is a {type(track).__name__}; expected a Path: sa.Path.from_file(...)")
     require_known(line, ("free", "given"), "line")
-    if points is not None and not 20 <= points <= _MOST:
-        raise ParameterError(f"points is {points}; expected 20 to {_MOST}")
+    for name, count, low, high in (
+        ("points", 20 if points is None else points, 20, _MOST),
+        ("iterations", iterations, 1, 100_000),
+    ):
+        if not (isinstance(count, int | np.integer) and low <= count <= high):
+            raise ParameterError(f"{name} is {shown(count)}; expected a whole number from {low} to {high}")
     for name, value, low, high in (
+        ("tolerance", tolerance, 1e-10, 1e-2),
         ("smoothness", smoothness, 1e-3, 100.0),
         ("margin", margin, 0.0, 10.0),
         ("v_max", v_max, 1.0, 200.0),
@@ -192,11 +200,8 @@ def _check(
     ):
         if not low <= value <= high:
             raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
-    if like is not None and (like.track.closed, like.track.length) != (track.closed, track.length):
-        raise ParameterError(
-            f"the lap to be like is one of '{like.track.name}', {like.track.length:.5g} m; expected one of "
-            f"'{track.name}', {track.length:.5g} m"
-        )
+    if like is not None:
+        require_lap_of(track, like, "the lap to be like")
     if v_start is not None and track.closed:
         raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
 
@@ -278,7 +283,10 @@ def _bounds(
     lower = -upper
     lower[:, 0], upper[:, 0], lower[:, 2] = along.low, along.high, lowest
     if allowed is not None:
-        force, speed = (np.asarray(v, dtype=float) for v in allowed(along.s))
+        given = allowed(along.s)
+        if not (isinstance(given, tuple | list) and len(given) == 2):
+            raise ParameterError(f"allowed gives {shown(given)}; expected the largest forces and the largest speeds")
+        force, speed = (np.asarray(v, dtype=float) for v in given)
         if force.shape != (n,) or speed.shape != (n,) or not (np.all(force > 0) and np.all(speed > 2.0 * lowest)):
             raise ParameterError(
                 f"allowed gives forces of shape {force.shape} and speeds of shape {speed.shape}; expected ({n},) both, "

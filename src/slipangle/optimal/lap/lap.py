@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import integrate, interpolate
 
+from slipangle.errors import ParameterError, shown
 from slipangle.models.analysis.linearize import directions
 from slipangle.models.model import Model
 from slipangle.optimal.lap.car import LapCar, rates, slip
@@ -240,3 +241,14 @@ def _sensitivities(lap: Lap) -> dict[str, float]:
     found["force_rate"] -= bound[:, 8].sum() * car.weight
     found["mass"] -= bound[:, 8].sum() * car.force_rate * car.weight / car.mass
     return {name: float(value) for name, value in found.items()}
+
+
+def require_lap_of(track: Path, lap: Any, what: str) -> None:
+    """Raise ParameterError unless this is a lap of a track, told by its length; ``what`` says which lap it is to be."""
+    if not isinstance(lap, Lap):
+        raise ParameterError(f"{what} is {shown(lap)}; expected a Lap of '{track.name}': sa.fastest_lap(car, track)")
+    if lap.track.closed != track.closed or abs(lap.track.length - track.length) > 1e-6 * track.length:
+        raise ParameterError(
+            f"{what} is one of '{lap.track.name}', {lap.track.length:.5g} m; expected one of '{track.name}', "
+            f"{track.length:.5g} m"
+        )

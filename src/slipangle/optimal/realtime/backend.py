@@ -36,7 +36,8 @@ class RealTime(Checked):
     The first plan is iterated to convergence from the inputs held or brought to zero, whichever promises less
     cost, and the states rolled out, so it needs no guess; later ones take `iterations` steps each from the plan
     before, shifted. After these the model is evaluated at the new plan; where `Plan.residual` is larger than `accept`,
-    as after a jump of the state, up to ten steps with a line search follow while there is time. A solve that runs out
+    as after a jump of the state, or where hard limits allow no step, as after one of an obstacle, up to ten steps with
+    a line search follow while there is time. A solve that runs out
     of time or iterations is gone on with by the next one.
 
     The quadratic program of a step is solved in one of two ways, which end at the same answer. "condensed" eliminates

@@ -282,7 +282,7 @@ class WorkArea(Engine):
         n = len(step.u) - 2
         self._k[:] = step.before
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
-            return self._ended(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
+            return self._stopped(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
         solution = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
         if good:
@@ -405,6 +405,14 @@ class WorkArea(Engine):
         if status is Status.TIME_OUT or perf_counter() > self._until:
             return self._solution(u, x, replace(iterate, status=Status.TIME_OUT))
         return self._ended(*self._converge(u, x, min(MORE, self._settings.max_iterations), loose=True, before=count))
+
+    def _stopped(self, u: np.ndarray, x: np.ndarray, iterate: Iterate) -> Solution:
+        """The same where limits allow no full step, as after a jump: those that follow may miss them on their way."""
+        if iterate.status is not Status.INFEASIBLE:
+            return self._ended(u, x, iterate)
+        most, count = min(MORE, self._settings.max_iterations), iterate.iterations
+        found = self._solution(*self._converge(u, x, most, loose=True, before=count))
+        return found if _leads_on(found) else _still(found, self._solution(u, x, iterate))
 
     def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise | None) -> Truth:
         """`_judge` of a full step, by the values there; unknown before the first."""
@@ -562,7 +570,7 @@ class WorkArea(Engine):
             H, g, G, L = self._condense(m, x, u)
             status, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if status is not Status.SOLVED:
-                return self._ended(u, x, Iterate(status, count - 1))
+                return self._stopped(u, x, Iterate(status, count - 1))
             du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
             u, x = u + du, x + dx
             took = perf_counter() - begin

@@ -1473,13 +1473,16 @@ int rt_prepare(Work *s)
     return status;
 }
 
-/* Full steps that did not end at an acceptable plan are followed by some with a line search. */
+/* Full steps that did not end at an acceptable plan are followed by some with a line search. So is one that the limits do
+   not allow, as after a jump of an obstacle: those that follow may miss limits at a price on their way. */
 static int finish(Work *s, int status)
 {
     if (status == ITERATED && accepted(s))
         return status;
-    if (status == ITERATED)
-        status = converge(s, s->max_iterations < MORE ? s->max_iterations : MORE, 1);
+    if (status == ITERATED || status == INFEASIBLE) {
+        int ended = converge(s, s->max_iterations < MORE ? s->max_iterations : MORE, 1);
+        status = status == ITERATED || leads_on(s, ended) ? ended : INFEASIBLE;
+    }
     status = begin_anew(s, status);
     keep_inputs(s);
     return status;
