@@ -7,15 +7,16 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.orders import choose
-from slipangle.identify.networks import narx, windows
+from slipangle.identify.networks import adam, narx, windows
 from slipangle.identify.networks.narx import NARX
-from slipangle.identify.networks.narx_free_run import FreeRunNARX
+from slipangle.identify.networks.narx_free_run import FreeRunNARX, _Polish
 from slipangle.identify.networks.problem import Stage
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
@@ -152,6 +153,19 @@ def test_where_noise_biases_arx_the_start_is_the_output_error_model():
     arx = ARX(na=2, nb=2, nk=2, offset=True).fit(inner)
     assert abs(arx.A[0, 0, 0] + 1.6) > 0.1
     assert narx.free_run_error(ARXModel(**{**vars(arx), "A": [-9.0], "B": [1.0]}), held) > 1e10
+
+
+def test_a_trial_whose_free_run_grows_beyond_all_bounds_costs_no_finite_sum_and_no_warning():
+    u = np.random.default_rng(0).standard_normal(300)
+    data = Dataset.from_arrays({"u": u}, {"y": lfilter([0.0, 0.5], [1.0, -0.8], u)}, 0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        start = NARX(na=1, nb=1, hidden=(2,), stages=(Stage(horizon=1, epochs=2, learning_rate=1e-3),))
+        model = start.fit(data)
+    with adam.precision("double"):
+        polish = _Polish(FreeRunNARX(start=start), model, data, None)
+        assert np.isfinite(polish.cost(polish.net.parameters))
+        assert not np.isfinite(polish.cost(100.0 * polish.net.parameters))
 
 
 def test_without_a_usable_linear_model_training_starts_at_random_and_says_why():

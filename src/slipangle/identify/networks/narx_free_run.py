@@ -113,9 +113,10 @@ class _Polish:
         return pieces
 
     def _error(self, theta: np.ndarray, pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-        """Mean squared free-run error."""
-        errors = [np.asarray(self.unrolled.run(theta, past, drives)) - y for past, drives, y in pieces]
-        return sum(float(np.sum(e * e)) for e in errors) / sum(len(y) for _, _, y in pieces)
+        """Mean squared free-run error; infinite or no number where a run grows beyond all bounds."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            errors = [np.asarray(self.unrolled.run(theta, past, drives)) - y for past, drives, y in pieces]
+            return sum(float(np.sum(e * e)) for e in errors) / sum(len(y) for _, _, y in pieces)
 
     def cost(self, theta: np.ndarray) -> float:
         """Mean squared free-run error and prior."""
