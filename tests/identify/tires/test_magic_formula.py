@@ -1,5 +1,6 @@
 """Magic Formula 6.1 from rig runs: force error at the noise, intervals that cover, files with confidence."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -316,7 +317,9 @@ def test_shapes_that_fit_alike_are_told_and_inside_the_interval(most, seed):
     data = swept(most, seed, shape=1.45, curvature=-0.3)
     with pytest.warns((IdentifiabilityWarning, ModelWarning)) as said:
         tire = MagicFormulaFit(start=typical(data, radius=0.3, nominal_load=4000.0)).fit(data)
-    assert any("leave the shape of F_y open: PCY1 = " in str(w.message) for w in said)
+    told = [str(w.message) for w in said if "leave the shape of F_y open: PCY1 = " in str(w.message)]
+    least, largest = (float(end) for end in re.search(r"any from (\S+) to (\S+) with", *told).groups())
+    assert least < 1.45 < 1.9 < largest
     if "PCY1" in tire.fit_info.names:  # else it stays the start tire's, without an interval
         low, high = tire.fit_info.interval()[tire.fit_info.names.index("PCY1")]
         assert low < 1.45 < 1.9 < high  # with the twin: both give the same forces

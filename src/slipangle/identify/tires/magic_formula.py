@@ -194,8 +194,7 @@ class _Job:
     def ordinary(self, tire: MagicFormulaTire, stage: FittedStage) -> MagicFormulaTire:
         """The tire with that of the shapes that fit alike which is nearest to the start tire's."""
         output = stage.outputs[0]
-        own = float(getattr(self.settings.start.coefficients, SHAPE[output][0]))
-        self.shapes[output] = alike(stage, own)
+        self.shapes[output] = alike(stage, self.settings.start)
         return tire.with_coefficients(**self.shapes[output][0])
 
     def joint(self, tire: MagicFormulaTire) -> Found:
@@ -217,7 +216,8 @@ class _Job:
         for output, shapes in self.shapes.items():
             free = shaped(stage, output)
             if len(shapes) > 1 or len(free) > len(stage.free):
-                trials = [self.solve(tire.with_coefficients(**s), free, outputs, rows, _AGAIN)[1] for s in shapes]
+                starts = [tire.with_coefficients(**{name: s[name] for name in SHAPE[output]}) for s in shapes]
+                trials = [self.solve(start, free, outputs, rows, _AGAIN)[1] for start in starts]
                 said, reach = left_open(output, tire, stage, trials)
                 self.open += [said] if said else []
                 self.reach |= reach

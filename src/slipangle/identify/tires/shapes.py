@@ -10,17 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from slipangle.identify.tires.magic_formula_coefficients import LATERAL, LONGITUDINAL, Free
-from slipangle.identify.tires.stages import FittedStage, coefficients, criterion, robust_covariance, unscaled
+from slipangle.identify.tires.stages import FittedStage, coefficients, deviance, robust_covariance, unscaled
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
 SHAPE = {"F_x": ("PCX1", "PEX1"), "F_y": ("PCY1", "PEY1")}  # shape and curvature factor of each force
 _APART = 0.05  # shape factors closer than this are one
 
 
-def alike(stage: FittedStage, ordinary: float) -> list[dict[str, float]]:
+def alike(stage: FittedStage, start: MagicFormulaTire) -> list[dict[str, float]]:
     """Coefficients of the minima of a pure-slip stage that no test can tell from the best, one for each shape factor.
 
-    First is the one whose shape factor is nearest to ``ordinary``, that of the tire that the fit starts from.
+    First is the one whose shape factor is nearest to that of ``start``, the tire that the fit starts from.
     """
     count = np.count_nonzero(stage.problem.weight)
     best = max(stage.solution.cost, 1e-12)
@@ -31,6 +31,7 @@ def alike(stage: FittedStage, ordinary: float) -> list[dict[str, float]]:
     for one in found:
         if all(abs(one[factor] - other[factor]) > _APART for other in distinct):
             distinct.append(one)
+    ordinary = float(getattr(start.coefficients, factor))
     return sorted(distinct, key=lambda one: abs(one[factor] - ordinary))
 
 
@@ -60,10 +61,10 @@ def left_open(
     ``trials`` are fits of the same data with both coefficients of the shape free.
     """
     names = SHAPE[output]
-    least = criterion(stage) + np.log(np.count_nonzero(stage.problem.weight))
+    most = deviance(stage) + np.log(np.count_nonzero(stage.problem.weight))
     here = {name: float(getattr(tire.coefficients, name)) for name in names}
     own = {name: (value, value) for name, value in here.items()} | reach(names, stage)
-    held = [own, *(reach(names, trial) for trial in trials if criterion(trial) < least)]
+    held = [own, *(reach(names, trial) for trial in trials if deviance(trial) < most)]
     ends = {n: (min(ends[n][0] for ends in held), max(ends[n][1] for ends in held)) for n in names}
     factor, curvature = names
     if ends[factor][0] > own[factor][0] - _APART and ends[factor][1] < own[factor][1] + _APART:

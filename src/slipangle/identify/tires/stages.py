@@ -31,11 +31,15 @@ def noise(stage: FittedStage) -> list[float]:
     return [float(np.sqrt(np.mean((error[weight[:, k] > 0, k] / weight[weight[:, k] > 0, k]) ** 2))) for k in range(m)]
 
 
-def criterion(stage: FittedStage) -> float:
-    """Schwarz's criterion: log-likelihood of every output at its own noise, and log n for each coefficient."""
+def deviance(stage: FittedStage) -> float:
+    """Minus twice the log-likelihood of every output at its own noise, but for what all fits have."""
     counts = np.count_nonzero(stage.problem.weight, axis=0)
-    fit = sum(2 * n * np.log(max(sigma, 1e-12)) for n, sigma in zip(counts, noise(stage), strict=True))
-    return float(fit + len(stage.free) * np.log(counts.sum()))
+    return float(sum(2 * n * np.log(max(sigma, 1e-12)) for n, sigma in zip(counts, noise(stage), strict=True)))
+
+
+def criterion(stage: FittedStage) -> float:
+    """Schwarz's criterion: the deviance, and log n for each coefficient."""
+    return float(deviance(stage) + len(stage.free) * np.log(np.count_nonzero(stage.problem.weight)))
 
 
 def expendable(stage: FittedStage, home: np.ndarray) -> list[int]:
