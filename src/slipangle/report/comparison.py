@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.identify.judge.standing import standing
@@ -24,12 +22,11 @@ def comparison_page(result: Comparison, data: Dataset, *, train: Dataset | None 
     """
     good = [e for e in result.entries if not e.failure]
     ahead = {e.name: horizon_errors(e.model, data) for e in good}
-    shown = {name: replace(t, predicted=_common(result)) for name, t in result.trajectories.items()}
     sections = [Section(title="Verdict", blocks=_verdict(result, data, train))]
     for output in result.outputs:
         factor, unit = read_in(output, data.unit(output))
         channel = Channel(output, unit)
-        runs = {n: replace(t, y=factor * t.y, measured=factor * t.measured) for n, t in shown.items()}
+        runs = {n: replace(t, y=factor * t.y, measured=factor * t.measured) for n, t in result.trajectories.items()}
         errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in runs.items()}
         later = {n: replace(h, rmse=factor * h.rmse, free_run=factor * h.free_run) for n, h in ahead.items()}
         scores = {e.name: replace(e.scores[output], rmse=factor * e.scores[output].rmse) for e in good}
@@ -57,11 +54,6 @@ def comparison_page(result: Comparison, data: Dataset, *, train: Dataset | None 
     )
 
 
-def _common(result: Comparison) -> np.ndarray:
-    """The samples that every model predicts, on which all are judged."""
-    return np.logical_and.reduce([t.predicted for t in result.trajectories.values()])
-
-
 def _judged(result: Comparison, train: Dataset | None, data: Dataset) -> tuple[Tone, str]:
     """How good the best is, and why: the worst word of its outputs, never good with anything to doubt."""
     best = result.best
@@ -72,7 +64,7 @@ def _judged(result: Comparison, train: Dataset | None, data: Dataset) -> tuple[T
             "poor" if worthless else "fair",
             f"{why} No simple model stands beside it, which would tell how good it is.",
         )
-    run = replace(best.free_run, predicted=_common(result))
+    run = best.free_run
     found = [standing(run, o, train, data) for o in result.outputs]
     doubted = best.warnings or any(e.failure for e in result.entries)
     words = [*("poor" if s.output in run.astray else s.word for s in found), *(["fair"] if doubted else [])]

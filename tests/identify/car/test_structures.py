@@ -99,15 +99,21 @@ def servo(seed, rate):
     return Dataset.from_arrays({"delta": u[:, 0], "v_x": u[:, 1]}, {"r": r + 0.02 * rng.standard_normal(n)}, DT)
 
 
-def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_lags():
-    """Where the lag alone was free, it grew tenfold, and the gain with it."""
+@pytest.fixture(scope="module")
+def by_servo():
+    """Drives by a servo of 1.5 rad/s, fits to them with a lag, and with a largest rate too, and that correction."""
     data = join(*(servo(seed, 1.5) for seed in range(4)))
     late, limit = (
         next(c for c in corrections(data, KNOWN["wheelbase"], ()) if n in c.free)
         for n in ("steering_lag", "steering_rate")
     )
     before = corrected(fit(GUESS, (*STIFF, "steering_offset", "steering_gain"), data), late, data)
-    after = corrected(before, limit, data)
+    return data, before, corrected(before, limit, data), limit
+
+
+def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_lags(by_servo):
+    """Where the lag alone was free, it grew tenfold, and the gain with it."""
+    _, before, after, limit = by_servo
     assert after.values["steering_rate"] == pytest.approx(1.5, rel=0.05)
     assert after.values["steering_lag"] + after.values["delay_delta"] == pytest.approx(0.03, abs=0.012)
     assert before.values["steering_lag"] > 0.06
@@ -115,15 +121,9 @@ def test_a_steering_that_turns_no_faster_than_its_servo_is_told_from_one_that_la
     assert limit.adds_nothing_to((*STIFF, "steering_gain"), ())  # wheels that are not late are not slow
 
 
-def test_a_largest_rate_that_the_steering_hardly_asks_for_is_none_and_is_taken_back():
+def test_a_largest_rate_that_the_steering_hardly_asks_for_is_none_and_is_taken_back(by_servo):
     """One was kept that lane changes asked for by a twentieth more, in place of a lag of another shape."""
-    data = join(*(servo(seed, 1.5) for seed in range(4)))
-    late, limit = (
-        next(c for c in corrections(data, KNOWN["wheelbase"], ()) if n in c.free)
-        for n in ("steering_lag", "steering_rate")
-    )
-    before = corrected(fit(GUESS, (*STIFF, "steering_offset", "steering_gain"), data), late, data)
-    slow = corrected(before, limit, data)
+    data, before, slow, _ = by_servo
     hardly = replace(slow, model=slow.model.with_values(steering_rate=15.0))  # as sharp, of leaps of 20 rad/s
     stages = [
         Stage(correction=said, kept=True, error=np.ones(1), change=-0.1, values=f.values)

@@ -44,7 +44,7 @@ class Entry:
     # free-run RMSE over the standard deviation of the measured output, mean over the outputs [-]; ranks a `Comparison`
     error: float = np.inf
     one_step_error: float = np.inf  # the same for one-step-ahead prediction [-]
-    free_run: Trajectory | None = None  # over the data; None where it failed
+    free_run: Trajectory | None = None  # its samples are those that every model predicts; None where it failed
     failure: str = ""  # why there is no free run
     warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
@@ -137,7 +137,7 @@ def _entry(
         scores={o: score(free, o) for o in outputs},
         error=_relative(free, outputs),
         one_step_error=_relative(one, outputs),
-        free_run=runs[0],
+        free_run=free,
         warnings=(*fitted, *said),
     )
 

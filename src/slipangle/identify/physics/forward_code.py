@@ -28,8 +28,9 @@ def _numbers(model: Parametrised, names: tuple[str, ...], free: tuple[str, ...])
     try:
         varied = model.with_values(**{n: ca.SX.sym(n) for n in (*free, *others)})
         x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", width(model))
-        varied.ode.derivative(x, varied.drive(w))
-        varied.ode.output(x, varied.drive(w))
+        u = varied.drive(w)
+        varied.ode.derivative(x, u)
+        varied.ode.output(x, u)
     except (RuntimeError, NotImplementedError, TypeError, ValueError):
         return free
     return (*free, *others)
