@@ -85,6 +85,29 @@ def test_stamps_with_too_few_decimals_are_on_the_even_clock_that_they_were_round
     assert len(lost(t)) == 0
 
 
+@pytest.mark.parametrize("rounded", [np.floor, np.round, np.ceil])
+@pytest.mark.parametrize(("unit", "dt"), [(1.0, 0.1), (0.1, 0.02), (0.01, 0.008), (1.0, 0.013)])
+@pytest.mark.parametrize("start", [0.0, 1.7e9 + 0.37])
+def test_stamps_that_repeat_from_row_to_row_are_read_by_the_sample_time_that_is_given(unit, dt, start, rounded):
+    t = unit * rounded((start + dt * np.arange(3000)) / unit)
+    with pytest.raises(errors.TimeError, match=rf"too coarse for its rows; .* such as dt={dt}"):
+        find_grid(t)
+    grid = find_grid(t, dt=dt)
+    assert (grid.dt, grid.pieces, grid.exact) == (dt, ((0, 3000),), True)
+    assert "the rows are taken to come every" in grid.notes[0]
+    with pytest.raises(errors.SampleTimeError, match=r"from row to row on average; .* as dt says, which strays"):
+        find_grid(t, dt=1.02 * dt)
+    held = np.delete(t, slice(1000, 1000 + int(3 * unit / dt)))  # rows are missing: even ones would be put elsewhere
+    with pytest.raises(errors.SampleTimeError, match="split the log where rows are missing"):
+        find_grid(held, dt=dt)
+
+
+def test_a_row_written_twice_is_no_coarse_stamp():
+    t = 0.01 * np.arange(3000)
+    with pytest.raises(errors.TimeError, match=r"repeats at sample 11: 0\.1 s"):
+        find_grid(np.insert(t, 10, t[10]), dt=0.01)
+
+
 def test_a_gap_in_stamps_of_single_precision_stays_one():
     even = 70000 + 0.01 * np.r_[0:1000, 1200:3000]
     grid = find_grid(even.astype("f4").astype(float))

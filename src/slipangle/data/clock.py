@@ -15,6 +15,7 @@ _LOST = 2.5  # steps of a gap in which more than one sample was lost
 _MOST_LOST = 0.1  # share of steps up to which they are such and not another rate
 _FEW = 2  # of five steps in a row: more of them are another rate
 _COARSE = 0.1  # of a step: stamps rounded to more than that make uneven steps of even ones
+_REPEATED = 0.05  # share of rows that repeat a stamp, from which stamps are too coarse for their rows
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
 
 
@@ -73,7 +74,8 @@ def find_grid(
     t : array, shape (n,)
         Time stamps. [s]
     dt : float, optional
-        Sample time; by default the usual step, rounded where the stamps allow it. [s]
+        Sample time; by default the usual step, rounded where the stamps allow it. Stamps too coarse to rise from row to
+        row, as whole seconds at 10 Hz, need it. [s]
     jitter, gap : float
         Largest deviation of one step from ``dt``, as a share of it, that is put back on the grid by linear
         interpolation; a step above ``gap * dt`` ends one stretch and starts the next.
@@ -102,6 +104,9 @@ def find_grid(
         raise TooShortError(
             f"{what} has {len(t)} samples; expected at least {max(shortest, 2)}: record longer or choose another part"
         )
+    coarse = _coarse(t, dt, what)
+    if coarse is not None:
+        return coarse
     steps = _rising_steps(t, row_name, what)
     usual, rounding = _usual(t, steps)
     given, dt = dt, usual if dt is None else dt
@@ -175,6 +180,33 @@ def lost(t: np.ndarray) -> np.ndarray:
     late = t[3:] - t[:-3] > 3.5 * dt  # not where the next step makes up for it
     rows = np.flatnonzero(single & late) + 1
     return rows if len(rows) <= _MOST_LOST * len(steps) else rows[:0]
+
+
+def _coarse(t: np.ndarray, dt: float | None, what: str) -> TimeGrid | None:
+    """The grid of even rows whose stamps are too coarse to rise from row to row; None of other stamps. [s]
+
+    Raises TimeError without ``dt``, SampleTimeError if rows that far apart leave the stamps.
+    """
+    steps = np.diff(t)
+    if not np.isfinite(t).all() or steps.min() < 0 or not steps.any() or np.mean(steps == 0) < _REPEATED:
+        return None
+    rises = np.flatnonzero(steps)
+    unit, (first, last) = float(np.median(steps[rises])), (int(rises[0]), int(rises[-1]))
+    mean = float((t[last] - t[first]) / (last - first) if last > first else np.mean(steps))
+    seen = f"the stamps of {what} repeat in {np.sum(steps == 0)} of {len(steps)} rows and are {unit:.4g} s apart"
+    if dt is None:
+        raise TimeError(
+            f"{seen}, too coarse for its rows; expected rising time: if the rows come evenly, give their sample time, "
+            f"such as dt={mean:.3g}, else delete those that repeat"
+        )
+    astray = float(np.ptp(t - dt * np.arange(len(t))))
+    if astray > unit + dt:
+        raise SampleTimeError(
+            f"{seen}, {mean:.6g} s from row to row on average; expected rows every {dt:g} s, as dt says, which strays "
+            f"from the stamps by {astray:.3g} s: correct dt, or split the log where rows are missing"
+        )
+    note = f"time stamps are {unit:.4g} s apart and repeat: the rows are taken to come every {dt:g} s, as dt says"
+    return TimeGrid(dt=dt, pieces=((0, len(t)),), start_times=(float(t[0]),), exact=True, notes=(note,))
 
 
 def _rising_steps(t: np.ndarray, row_name: Callable[[int], str], what: str) -> np.ndarray:

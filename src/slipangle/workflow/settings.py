@@ -92,7 +92,7 @@ class DataSettings:
     time : table or str
         The time column; by default one called t, time or timestamp.
     dt : float
-        Sample time, for files without time. [s]
+        Sample time, for files without time or with stamps too coarse to rise from row to row. [s]
     inputs : tuple of str
         Channels that drive the system.
     outputs : tuple of str

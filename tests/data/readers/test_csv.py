@@ -750,6 +750,13 @@ def test_seconds_are_no_hours_and_minutes(log, first):
     assert (data.start_times[0], len(data.starts)) == (first, 2)
 
 
+@pytest.mark.parametrize(("heading", "per_second"), [("time_ms", 1e3), ("TimeStamp us", 1e6), ("t_s", 1.0)])
+def test_time_is_known_by_a_name_that_ends_with_its_unit(log, heading, per_second):
+    rows = [[f"{per_second * t:.6f}", *rest] for t, *rest in steady()]
+    data = read(log(table(rows, f"{heading},lap_time_ms,r")), {"r": "r"}, outputs=("r",))
+    assert data.dt == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize("date", ["", "2024-04-03;"])
 def test_times_of_day_go_on_over_midnight(tmp_path, date):
     clock = [f"23:59:{58 + k / 10:06.3f}" if k < 20 else f"00:00:{k / 10 - 2:06.3f}" for k in range(40)]

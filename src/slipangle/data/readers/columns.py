@@ -17,7 +17,7 @@ from slipangle.data.expression import Expression
 from slipangle.data.headings import continued, wrap_note
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.derived import derive, keep
-from slipangle.data.readers.stamps import STEPS, TIME_NAMES, time_of
+from slipangle.data.readers.stamps import STEPS, is_time, time_of
 from slipangle.data.readers.tables import ArrayTable, ChannelTable, Header, find_column, prefetch
 from slipangle.errors import (
     FormatError,
@@ -164,7 +164,7 @@ def _needed(
     texts = [*(c.derive for c in chosen if c.derive), *([condition] if condition else [])]
     named = [n for text in texts for n in Expression(text).names]
     sources = [*(c.source for c in chosen if not c.derive), *named, *([experiment] if experiment is not None else [])]
-    clocks = [] if time is not None else [h.name for h in table.headers if h.name.lower() in (*TIME_NAMES, *STEPS)]
+    clocks = [] if time is not None else [h.name for h in table.headers if is_time(h.name) or h.name.lower() in STEPS]
     found = set()
     for source in (*sources, *clocks):
         try:

@@ -42,7 +42,8 @@ def read_csv(
     time : Column or str, optional
         The time column; by default one called t, time or timestamp.
     dt : float, optional
-        Sample time, for files without time; beside time stamps it must agree with them. [s]
+        Sample time, for files without time or with stamps too coarse to rise from row to row; beside time stamps it
+        must agree with them. [s]
     inputs, outputs : sequence of str
         Channels that drive the system, and that are to be explained.
     nan : {"error", "gap", "merge"}

@@ -34,6 +34,7 @@ def time_of(
     column = Column(time) if isinstance(time, str) else time
     if column is None:
         matches = [i for i, h in enumerate(table.headers) if h.name.lower() in TIME_NAMES]
+        matches = matches or [i for i, h in enumerate(table.headers) if is_time(h.name)]
         matches = matches or [i for i, h in enumerate(table.headers) if h.name.lower() in STEPS and _counts_time(h)]
         dates = [i for i, h in enumerate(table.headers) if h.unit == DATE]
         matches = matches or (dates if len(dates) == 1 else [])
@@ -64,6 +65,15 @@ def time_of(
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
     return t, i
+
+
+def is_time(name: str) -> bool:
+    """Whether a column is known as time by its name, which may end with the unit.
+
+    >>> is_time("Time"), is_time("timestamp_us"), is_time("lap_time_ms"), is_time("tms")
+    (True, True, False, False)
+    """
+    return name.lower() in TIME_NAMES or units.ending(name, "time")[0].lower() in TIME_NAMES
 
 
 def of_digits(t: np.ndarray) -> np.ndarray | None:
