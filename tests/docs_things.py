@@ -17,6 +17,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE, SOUSA_
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.on_tires import bicycle_on
 from slipangle.workflow.drive import PlantSettings, build_plant
+from tests.control.racing.test_racer import MARGIN, PEDALS, believed, circuit, first_lap
 from tests.data.readers.logs import drive as drive_of_a_bag
 from tests.data.readers.logs import write_bag
 
@@ -129,6 +130,7 @@ def exported(folder: Path) -> dict[str, Any]:
         "mpc": mpc,
         "model": car,
         "driver": sa.Driver(bicycle(), path, noise={"r": 0.003}),
+        "racer": sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN, between="sectors"),
         "ekf": sa.EKF(start=car, noise_std={"r": 0.003}, process_std={"v_y": 0.1}),
         "recursive": sa.RLS(na=2, nb=2).start(inputs="delta", outputs="r", dt=0.05),
         "sensor": sa.SideSlipSensor(wheelbase=2.4, l_f=1.35).fit(data),
