@@ -9,7 +9,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen import compiler
-from slipangle.control.commands import Commands
+from slipangle.control.commands import UNSURE, Commands
 from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError
 from slipangle.export import DriverRecorder, build, load
@@ -51,6 +51,24 @@ class LoadedRacer(LoadedDriver):
         said = type("Learned", (ctypes.Structure,), {"_fields_": fields})()
         self.library.car_learned_by_now(self.at, ctypes.byref(said))
         return said
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A racer of few stages, and its C, both without what compilers fuse and reorder."""
+    whole = racer(horizon=6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+        yield whole, LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path_factory.mktemp("racer"))
+
+
+@pytest.fixture
+def short(compiled):
+    """The same before their first call."""
+    whole, made = compiled
+    whole.reset()
+    made.start()
+    return whole, made
 
 
 def estimating(whole):
@@ -115,11 +133,10 @@ def driven(beside, late, calls):
 
 
 @needs_compiler
-def test_same_as_python_to_the_last_bit_whatever_it_is_told(tmp_path, monkeypatch):
+def test_same_as_python_to_the_last_bit_whatever_it_is_told(short):
     """In closed loop, then with what no car shows, where no plan is found, and from the start."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
-    whole = racer(horizon=6)
-    beside = Beside(whole, LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path))
+    whole, made = short
+    beside = Beside(whole, made)
     driven(beside, {}, 120)
     assert whole.sensing.restarts > 0
     assert {None, 0, *range(1, 7)} <= beside.ages
@@ -137,11 +154,27 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(tmp_path, monkeypatc
 
 
 @needs_compiler
-def test_times_that_are_none_and_gaps_count_alike(tmp_path, monkeypatch):
+def test_it_stops_alike_where_the_pose_is_lost(short):
+    beside, lap = Beside(*short), first_lap()
+    told = {"X": lap.X[0], "Y": lap.Y[0], "psi": lap.psi[0], "v_x": 8.0}
+    said = []
+    for k in range(400):
+        moving = {n: v + 1e-4 * (k % 7) for n, v in told.items()} if k < 3 else {"r": 1e-4 * (k % 7)}
+        if k >= 3 and k % 20 == 0:  # half a pose is none
+            moving |= {"X": lap.X[0] + 8.0e-2 * k}
+        if k > 380:
+            moving |= told | {"X": lap.X[0] + 1e-3 * k}
+        said.append(beside.step(moving, 0.01 * k))
+    lost = [s.message == UNSURE[0] for s in said]
+    assert not any(lost[:50])
+    assert sum(lost) > 100
+    assert any(s["brake"] > 0.1 for s in said)
+
+
+@needs_compiler
+def test_times_that_are_none_and_gaps_count_alike(short):
     """What C refuses Python does too, and both go on as if there had been no call; gaps and equal times are taken."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
-    whole = racer(horizon=6)
-    made, rng = LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path), np.random.default_rng(4)
+    (whole, made), rng = short, np.random.default_rng(4)
     lap, t, refused = first_lap(), 1.79e9, 0
     for k in range(240):
         at = k // 3 % len(lap.s)
@@ -181,9 +214,8 @@ def test_same_as_python_over_the_start_line(how, tmp_path, monkeypatch):
 
 
 @needs_compiler
-def test_commands_are_in_their_ranges_whatever_it_is_told(tmp_path, monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
-    made, rng = LoadedRacer(project_of(racer(horizon=6), "car", NO_DRIVE), tmp_path), np.random.default_rng(0)
+def test_commands_are_in_their_ranges_whatever_it_is_told(short):
+    (_, made), rng = short, np.random.default_rng(0)
     lap, most = first_lap(), believed().delta_max
     for k in range(500):
         at = k // 4 % len(lap.s)

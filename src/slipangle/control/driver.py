@@ -26,7 +26,7 @@ from slipangle.control.front_slip import grip_left
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
-from slipangle.control.watch import BESIDE, LOST, Watch
+from slipangle.control.watch import BESIDE, LOST, UNCERTAIN, Watch
 from slipangle.errors import ParameterError, SimulationError
 from slipangle.estimate.ekf import EKF
 from slipangle.models.model import Model
@@ -42,7 +42,6 @@ from slipangle.shown import Brief
 SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
 LONGEST_GAP = 1.0  # s between two calls, after which the estimator starts anew
 JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at once and over time
-UNCERTAIN = 1.0  # m of standard deviation of the position from which the car should stop
 
 
 class Driver(Brief):

@@ -10,6 +10,7 @@ from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
 
 # For a road car; lengths scale with the wheelbase, times and speeds with its root.
+UNCERTAIN = 1.0  # m of standard deviation of the position from which a car should stop
 SPEED_GAP, POSE_GAP = 1.0, 2.0  # s without a speed, or a pose, after which it is not known any more
 WAY_OFF, TURN_OFF = 0.01, 0.003  # share and rad/s by which a measured speed and yaw rate are taken to be off
 WINDOW, LONG = (

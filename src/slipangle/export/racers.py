@@ -13,10 +13,11 @@ from slipangle.codegen.expression import emit, scalar_code
 from slipangle.control.racing.learning import GAIN, LEAST, MOST, SUREST
 from slipangle.control.racing.pedals import NONE
 from slipangle.control.racing.planner import SPEED_IN, STATES
-from slipangle.control.racing.racer import BOLD, NO_FORCE, SPIN, STOP, Racer
+from slipangle.control.racing.racer import BOLD, CREEPING, NO_FORCE, SPIN, STOP, Racer
 from slipangle.control.racing.sectors import ENOUGH, KEPT, SLOWER, STEP
 from slipangle.control.racing.sectors import LEAST as LEAST_TRIAL
 from slipangle.control.racing.sensing import POSE, RANGES, WANTED, WHOLE, Sensing
+from slipangle.control.watch import TURN_OFF, WAY_OFF
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import number, table
 from slipangle.export.drives import Drive, DriverRecorder
@@ -131,7 +132,10 @@ def _of_filter(racer: Racer) -> list[str]:
     real = {"LOWEST": low, "HIGHEST": high, "STATE_LOW": lowest, "STATE_HIGH": highest}
     lines = [table(n, v, "int") for n, v in whole.items()] + [table(n, v) for n, v in real.items()]
     grip = float(racer.sensing.filter.model.value("grip"))
-    return [*lines, *_defined({"GRIP": grip, "SETTLING": racer.sample / racer._settling, "EVERY": racer._every})]
+    numbers = {"GRIP": grip, "SETTLING": racer.sample / racer._settling, "EVERY": racer._every}
+    numbers |= {"AT_X": model.outputs.index("X"), "AT_Y": model.outputs.index("Y")}
+    numbers |= {"WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF, "UNCERTAIN": racer.sensing._uncertain}
+    return [*lines, *_defined(numbers)]
 
 
 def _of_car(racer: Racer) -> list[str]:
@@ -194,8 +198,9 @@ def _of_planner(racer: Racer) -> list[str]:
         "LIMIT_N": ocp.limited.index("n"),
         "LIMIT_F": ocp.limited.index("F_asked"),
         "STAGE_SECONDS": own.dt,
-        "SLOWEST": own._slowest,
-        "SLOWEST_SQUARED": own._slowest**2,
+        "SLOWEST": own.slowest,
+        "CREEPING": CREEPING * own.slowest,
+        "SLOWEST_SQUARED": own.slowest**2,
         "REACHED": own._ahead,
         "ROOM": own._room,
     }

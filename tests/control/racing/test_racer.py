@@ -8,9 +8,11 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.commands import UNSURE
 from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.planner import Planner
+from slipangle.control.racing.racer import STOP
 from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
@@ -289,6 +291,33 @@ def test_glitches_of_sensors_do_not_move_it(kind):
     assert np.abs(run.e_y - clean.e_y[: len(run.e_y)]).max() < 0.15
     assert racer.sensing.restarts == {"once": 1, "burst": 5, "random": 0}[kind]  # before it sets out
     assert all(count > 0 for count in racer.sensing.outliers.values())
+
+
+@pytest.mark.parametrize("seconds", [1.5, pytest.param(9.0, marks=pytest.mark.slow)])
+def test_without_a_pose_it_brakes_on_its_line_until_there_is_one(seconds):
+    racer, rng = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN), np.random.default_rng(3)
+    plant, lap, places, speeds = sa.Plant(car_on(FRICTION)), racer.lap, [], []
+    simulation = plant.start(plant.straight(lap.v_x[-2], X=lap.X[-2], Y=lap.Y[-2], psi=lap.psi[-2]), np.zeros(3))
+    lost_at = found_at = None
+    for k in range(1500):
+        true = simulation.measure()
+        told = {n: true[n] + NOISE[n] * rng.normal() for n in SEEN}
+        if k > 20 and (lost_at is None or k < lost_at + 100 * seconds):
+            told = {n: told[n] for n in ("v_x", "r", "a_x", "a_y")}
+        said = racer.step(told, 0.01 * k)
+        lost_at = k if lost_at is None and said.message == UNSURE[0] else lost_at
+        found_at = k if lost_at and not found_at and said.wanted_v_x > 0.0 else found_at
+        assert (said.wanted_v_x == 0.0) == (said.plan is None or said.message == UNSURE[0])
+        places.append([true[n] for n in ("X", "Y")])
+        speeds.append(true["v_x"])
+        if found_at and k > found_at + 50:
+            break
+        simulation.advance(np.array([said.values[n] for n in plant.model.inputs]), 10)
+    assert 150 < lost_at < 400  # a metre off for all that is known, but not at once
+    assert found_at - lost_at - 100 * seconds < 30
+    assert speeds[found_at] == pytest.approx(max(speeds[lost_at] - STOP * 9.81 * seconds, 0.0), abs=1.0)
+    assert speeds[-1] > speeds[found_at] + 0.5
+    assert circuit().inside(*np.array(places).T, racer.car.width).all()
 
 
 def test_before_the_first_pose_it_waits():

@@ -72,7 +72,7 @@ class Planner:
     ) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
         force, size = 0.5 * car.weight, float(car.size)
-        self._slowest, self._ahead = float(slowest(car)), AHEAD * math.sqrt(size)
+        self.slowest, self._ahead = float(slowest(car)), AHEAD * math.sqrt(size)
         self._fading = np.exp(-dt / (FADE * math.sqrt(size)) * np.arange(horizon + 1))
         units = {"F_asked": force, "n": size}
         prices = {k: (p[0] / units.get(k, 1.0) ** 2, p[1] / units.get(k, 1.0)) for k, p in PRICES.items()}
@@ -131,6 +131,8 @@ class Planner:
         most: Callable[[np.ndarray, np.ndarray], np.ndarray],
         unexplained: Mapping[str, float],
         previous: Plan | None,
+        *,
+        brake: float | None = None,
     ) -> Plan:
         """Plan from a state of `AlongTrack`, and the angle asked for, shape (9,), at an arc length. [m]
 
@@ -147,9 +149,11 @@ class Planner:
         previous : Plan, optional
             The plan before. Where that leads nowhere, the lap itself is the first guess; if that does not either, the
             plan is the fallback of `MPC.plan`.
+        brake : float, optional
+            Of the weight, with which the car is to come down to its slowest speed instead.
         """
         x, nodes = x[: self.mpc.model.n_states], self._nodes(s, float(x[2]))
-        wanted = self._within_reach(self.at(nodes), nodes, float(x[2]), most)
+        wanted = self._within_reach(self.at(nodes), nodes, float(x[2]), most, brake)
         reference = self._reference(nodes, wanted, grip, most, unexplained)
         plan = self.mpc.plan(x, reference, previous)
         if plan.age == 0:
@@ -185,20 +189,26 @@ class Planner:
         return model.functions[0], ca.Function("pace", [x, curvature], [pace])
 
     def _within_reach(
-        self, wanted: np.ndarray, nodes: np.ndarray, v_x: float, most: Callable[[np.ndarray, np.ndarray], np.ndarray]
+        self,
+        wanted: np.ndarray,
+        nodes: np.ndarray,
+        v_x: float,
+        most: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        brake: float | None,
     ) -> np.ndarray:
-        """States of the lap, none much faster than full throttle makes the car from now on.
+        """States of the lap, none much faster than full throttle, or the brake, makes the car from now on.
 
         A plan that lags far behind what is wanted would give up its line for a little speed.
         """
         car, v, reached = self.car, v_x, []
+        ahead = self._ahead if brake is None else 0.0
         force = most(nodes, wanted[:, 2])
         for pull, way, at_most in zip(force, np.diff(nodes, append=nodes[-1]), wanted[:, 2], strict=True):
             v = min(v, at_most)
             reached.append(v)
-            gain = (pull - car.resistance(v)) / car.mass
-            v = math.sqrt(max(v * v + 2.0 * gain * way, self._slowest**2))
-        return _at_speed(wanted, np.minimum((np.array(reached) + self._ahead) / wanted[:, 2], 1.0))
+            gain = ((pull if brake is None else -brake * car.weight) - car.resistance(v)) / car.mass
+            v = math.sqrt(max(v * v + 2.0 * gain * way, self.slowest**2))
+        return _at_speed(wanted, np.minimum((np.array(reached) + ahead) / wanted[:, 2], 1.0))
 
     def _nodes(self, s: float, v_x: float) -> np.ndarray:
         """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
@@ -207,7 +217,7 @@ class Planner:
         faster = float(self._sectors.speed(s % length))
         for _ in range(self.horizon):
             rate = faster * float(np.interp(nodes[-1] % length, self._s, self._rate)) + off
-            nodes.append(nodes[-1] + self.dt * max(rate, self._slowest))
+            nodes.append(nodes[-1] + self.dt * max(rate, self.slowest))
         return np.array(nodes)
 
     def _reference(

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, STAY, Commands, require_time
+from slipangle.control.commands import HINDERED, STAY, UNSURE, Commands, require_time
 from slipangle.control.racing.actuators import Actuators
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
@@ -37,7 +37,8 @@ SETTLING = 0.3  # s of a car of usual size, over which accelerations that the mo
 MARGIN, SAMPLE, DT = 0.15, 0.01, 0.05  # m, s, s of a car of usual size: kept from edges, between samples and plans
 FINEST = 0.001  # s, that sample times are multiples of
 NO_FORCE = 1e-4  # of the weight
-STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
+STOP = 0.3  # of the weight, with which a car brakes that has no plan, or does not know where it is
+CREEPING = 1.2  # times the slowest speed of a plan: no faster, it is braked to a standstill without one
 
 
 def _multiple(wanted: float, of: float) -> float:
@@ -60,7 +61,8 @@ class Racer(Brief):
 
     No glitch of a sensor is believed (`slipangle.control.racing.sensing.Sensing`): a value that no car reads is as good
     as missing, one that is far from what the filter expects is an outlier, and the rest counts. The filter goes on
-    without them; the drive begins when a second pose agrees with the first.
+    without them; the drive begins when a second pose agrees with the first. Where the position has become uncertain by
+    more than 1 m for a full car, the racer brakes along its line by speed and yaw rate, until a pose is there again.
 
     It is a driver for `slipangle.simulate.drive.drive`, from a rolling start on the track.
 
@@ -269,20 +271,24 @@ class Racer(Brief):
         self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
         for name, value in zip(self._beyond, x[6:8].tolist(), strict=True):
             self._beyond[name] += self.sample / self._settling * (value - self._beyond[name])
-        self.sectors.see(s, self._now, self._beside(s, e_y))
+        lost = self.sensing.lost
+        self.sectors.see(s, self._now, math.inf if lost else self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi, here = math.remainder(float(x[2]) - heading, 2 * math.pi), self.learned.here(grip)
             delta, F = acting.heard
             state = np.array([e_y, chi, x[3], x[4], x[5], acting.steered, acting.force, F, delta])
             state, then = self._planner.ahead(state, s, acting.coming, self.sample, here, self._beyond)
-            self._plan = self._planner.plan(state, then, here, self._most, self._beyond, self._plan)
-        values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std))
+            self._plan = self._planner.plan(
+                state, then, here, self._most, self._beyond, self._plan, brake=STOP if lost else None
+            )
+        stopping = self._plan.stopping or (lost and float(x[3]) <= CREEPING * self._planner.slowest)
+        values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std), stopping)
         return Commands(
             values=values,
-            wanted_v_x=0.0 if self._plan.stopping else float(self._planner.at(np.array([s]))[0, 2]),
+            wanted_v_x=0.0 if lost or self._plan.stopping else float(self._planner.at(np.array([s]))[0, 2]),
             plan=self._plan,
-            message=self._plan.message,
+            message=UNSURE[0] if lost else self._plan.message,
             s=s,
             e_y=e_y,
             state=x,
@@ -314,11 +320,13 @@ class Racer(Brief):
         """Force at full throttle at places ahead [m] and the speeds there, shape (n,). [m/s]"""
         return self.learned.most(s, self.pedals.most(v_x, self._gears(v_x)))
 
-    def _act(self, plan: Plan, v_x: float, unexplained: float, grip: tuple[float, float]) -> dict[str, float]:
+    def _act(
+        self, plan: Plan, v_x: float, unexplained: float, grip: tuple[float, float], stopping: bool
+    ) -> dict[str, float]:
         """Commands of a sample, and what the car does with them."""
         car, dt, acting = self.car, self.sample, self._actuators
         turn, rise = (float(v) for v in plan.command)
-        if plan.stopping:
+        if stopping:
             turn = 0.0
             rise = min(max((-STOP * car.weight - acting.asked[1]) / dt, -car.force_rate * car.weight), 0.0)
         believed = float(self.pedals.most(v_x, self._gear))

@@ -29,9 +29,10 @@ typedef struct {
     Asked asked, heard, coming[WAITING]; /* of steering and pedals, last, as far as it came, and between, a ring */
     double steered, driving, braking;      /* what the vehicle has done of it */
     double s, from, turns, d_v_x, d_r;     /* from: where the drive began; d: what the model does not explain */
-    car_seconds seen[NY], now;
+    double blind; /* m that the position may be off by since it was believed, and no filter knows of */
+    car_seconds seen[NY], now, placed;
     int64_t tick, asks, laps, restarts;
-    int tracking, agreed, planned, begun, gear, iterations;
+    int tracking, agreed, planned, lost, begun, gear, iterations;
     double seconds;
     car_seconds (*clock)(void *);
     void *of;
@@ -81,6 +82,22 @@ static int follows(Driver *d, const double *given)
 /* Forgets an estimate that is no vehicle's any more. */
 static void drop(Driver *d) { d->tracking = d->agreed = 0, d->restarts++; }
 
+/* Since the position was believed last, errors of speed and yaw rate that no filter knows add up. */
+static void move(Driver *d)
+{
+    if (d->seen[AT_X] == d->now && d->seen[AT_Y] == d->now)
+        d->blind = 0, d->placed = d->now;
+    else
+        d->blind += fabs(d->filter.now.z[3]) * CAR_DT * (WAY_OFF + TURN_OFF * (double)(d->now - d->placed));
+}
+
+/* Whether the position is not known any more. */
+static int is_lost(const car_commands *c, double blind)
+{
+    double X = c->state_std[0], Y = c->state_std[1];
+    return !((Y > X ? Y : X) + blind <= UNCERTAIN);
+}
+
 /* Whether a state is known with what was measured now. */
 static int sense(Driver *d, const double *value)
 {
@@ -108,6 +125,8 @@ static int sense(Driver *d, const double *value)
     for (int i = 0; d->tracking && i < NY; i++)
         if (d->filter.fresh[i] && d->filter.taken[i] > 0)
             d->seen[i] = d->now;
+    if (d->tracking)
+        move(d);
     return d->agreed;
 }
 
@@ -140,7 +159,7 @@ static void act(Driver *d, const double *grip, car_commands *c)
 {
     const double *x = d->filter.now.z;
     double turn = d->plan.command[0], rise = d->plan.command[1];
-    if (d->plan.stopping) {
+    if (d->plan.stopping || (d->lost && x[3] <= CREEPING)) {
         double wanted = (STOP_FORCE - d->asked.F_x) / CAR_DT;
         turn = 0, rise = within(wanted, -FORCE_RATE, 0);
     }
@@ -171,21 +190,22 @@ static void decide(car_driver *memory, Driver *d, car_commands *c)
     double found[3], lane[7], grip[2];
     const double *x = d->filter.now.z;
     say_state(d, c);
+    d->lost = is_lost(c, d->blind);
     grip[0] = GRIP * exp(x[NX]), grip[1] = sqrt(d->filter.now.P[NX * NZ + NX] * (grip[0] * grip[0]));
     project(d, x[0], x[1], found);
     d->gear = geared((1 + (d->driving > 0 ? SPIN : 0)) * x[3], d->gear);
     d->d_v_x += SETTLING * (x[6] - d->d_v_x), d->d_r += SETTLING * (x[7] - d->d_r);
     at(LINE, SHAPE, SIZE, d->s, lane);
     double left = lane[6] - found[1], right = lane[5] + found[1];
-    see_sector(&d->sectors, d->s, d->now, (right < left ? right : left) - HALF_WIDTH);
+    see_sector(&d->sectors, d->s, d->now, d->lost ? INFINITY : (right < left ? right : left) - HALF_WIDTH);
     count_laps(d);
     if (!d->planned || d->tick % EVERY == 0)
         plan(memory, d, found, here(&d->learned, grip[0]));
     act(d, grip, c);
-    c->s = d->s, c->e_y = found[1], c->reason = CAR_PLANNED;
+    c->s = d->s, c->e_y = found[1], c->reason = d->lost ? CAR_LOST : CAR_PLANNED;
     double wanted[NXP];
     lap_at(d, d->s, wanted);
-    c->wanted_v_x = d->plan.stopping ? 0 : wanted[2];
+    c->wanted_v_x = d->lost || d->plan.stopping ? 0 : wanted[2];
 }
 
 int car_step(car_driver *memory, const car_measurements *measured, car_commands *commands)

@@ -67,7 +67,7 @@ static void most_at(const Driver *d, const double *nodes, double (*wanted)[NXP],
     }
 }
 
-/* No state of the lap is much faster than full throttle makes the vehicle from now on. */
+/* No state of the lap is much faster than full throttle, or the brake of one that is lost, makes it from now on. */
 static void keep_within_reach(const Driver *d, const double *nodes, double v, double (*wanted)[NXP])
 {
     double most[CAR_PLANNER_NODES];
@@ -75,8 +75,9 @@ static void keep_within_reach(const Driver *d, const double *nodes, double v, do
     for (int k = 0; k < CAR_PLANNER_NODES; k++) {
         double way = k + 1 < CAR_PLANNER_NODES ? nodes[k + 1] - nodes[k] : 0;
         v = wanted[k][2] < v ? wanted[k][2] : v;
-        double reached = (v + REACHED) / wanted[k][2], down = DOWN_F * v * v + DOWN_R * v * v;
-        double gain = (most[k] - (DRAG * v * v + ROLLING * (WEIGHT + down))) / MASS, square = v * v + 2 * gain * way;
+        double reached = (v + (d->lost ? 0 : REACHED)) / wanted[k][2], down = DOWN_F * v * v + DOWN_R * v * v;
+        double pull = d->lost ? STOP_FORCE : most[k];
+        double gain = (pull - (DRAG * v * v + ROLLING * (WEIGHT + down))) / MASS, square = v * v + 2 * gain * way;
         v = sqrt(SLOWEST_SQUARED > square ? SLOWEST_SQUARED : square);
         at_speed(wanted[k], reached < 1 ? reached : 1);
     }
