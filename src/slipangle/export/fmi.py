@@ -39,7 +39,7 @@ DRIVER_DOCS = {
     "wanted_v_x": "speed that the vehicle should have; 0: it should stop",
     "s": "arc length of the path beside the vehicle",
     "e_y": "how far the vehicle is to the left of the path, as estimated",
-    "reason": "where commands come from, as in the C header; 0: a plan",
+    "reason": "where commands come from, as in the C header; 0: a plan; -1: there was no step yet",
     "planned": "0: there is no plan, and the numbers on it say nothing",
     "status": "how the solve ended, as in the C header",
     "age": "0: a solution; k: a fallback, the k-th in a row",
@@ -220,7 +220,8 @@ def _of_controller(project: Project) -> Part:
     ):
         listed += [channel(f"{what}.{c}[{i}]", "input", c, start=0.0) for i in range(rows) for c in columns]
     listed += [channel(c, "output", c) for c in names["controls"]]
-    listed += [channel(c, "output", "") for c in STATUS_NUMBERS]
+    listed += [replace(channel(c, "output", ""), doc=DRIVER_DOCS[c]) for c in STATUS_NUMBERS]
+    listed = [replace(v, doc=f"{v.doc}; -1: nothing was planned yet") if v.name == "status" else v for v in listed]
     return _shell("controller.c", project, listed)
 
 

@@ -5,7 +5,11 @@ typedef struct {
     car_output out;
 } Part;
 
-static void fmuStart(Part *p) { (void)car_start(&p->controller, sizeof p->controller); }
+static void fmuStart(Part *p)
+{
+    (void)car_start(&p->controller, sizeof p->controller);
+    p->out.status = -1; /* nothing was planned yet */
+}
 
 static void fmuOutput(Part *p, double *v)
 {
@@ -15,10 +19,11 @@ static void fmuOutput(Part *p, double *v)
     to[CAR_CONTROLS + 3] = (double)p->out.health.fallbacks;
 }
 
-static void fmuStep(Part *p, double *v)
+static int fmuStep(Part *p, double *v)
 {
     memcpy(&p->given, v, sizeof(double) * OUTPUTS);
     (void)car_plan(&p->controller, &p->given, &p->out);
+    return 1; /* a command always is a number */
 }
 
 static int fmuSlope(const Part *p, const double *v, const double *along, double *to)
