@@ -27,7 +27,7 @@ typedef double car_seconds; /* of a clock */
 @COMMANDS@
 /* Entries of the estimated state. */
 @STATES@
-/* Outputs that the estimator takes in. */
+/* Outputs that the estimator takes in, with the standard deviation of their noise and how late they are taken to be. */
 @OUTPUTS@
 
 typedef struct {

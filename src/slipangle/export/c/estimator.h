@@ -21,7 +21,7 @@ extern "C" {
 
 /* Entries of the state. */
 @STATES@
-/* Measured outputs, with the standard deviation of their noise. */
+/* Measured outputs, with the standard deviation of their noise and how late they are taken to be. */
 @OUTPUTS@
 /* Inputs. */
 @INPUTS@
