@@ -102,7 +102,7 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
         parts += [table("PARAMETERS", scales.start), table("POSITIVE", scales.positive, "int")]
     source = "\n".join([*parts, template("estimator.c")])
     header = _header(estimator, title, start)
-    bytes_ = size_of(f"{header}\n{source}", "Filter", 1)
+    bytes_ = size_of(f"{header}\n{source}", "Estimator", 1)
     solver = window_solver(back) if back else None
     window, sizes = (solver.files, solver.sizes) if solver else ({}, {1: 0})
     counts = (("y", model.n_outputs), ("u", model.n_inputs), ("x", model.n_states))
