@@ -1,9 +1,12 @@
 """FMUs in the hands of an importer that asks what it should not: said, and nothing half done."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slipangle.codegen import compiler
+from slipangle.export.drives import standard_drive
 from slipangle.export.fmi import export_fmu
 from slipangle.paths.lane_change import double_lane_change
 from tests.export.test_drivers import driver
@@ -93,4 +96,23 @@ def test_nothing_is_said_to_be_planned_before_a_step(made, name, tmp_path):
     assert slave.get(name)[0] == -1
     slave.step()
     assert slave.get(name)[0] >= 0
+    slave.end()
+
+
+def test_a_command_that_was_not_applied_is_told(tmp_path):
+    """Rates count from what was applied; without it, as its start value says, from the command before."""
+    far = 1.0  # m beside the path
+    follower = replace(STANLEY, limit=0.5, rate=1.0)
+    drive = standard_drive(follower, 1)
+    slave = Slave(export_fmu(follower, tmp_path / "it.fmu"), tmp_path / "at")
+    inputs = [v.name for v in slave.description.modelVariables if v.causality == "input"]
+    row = dict(zip(inputs, drive.asked[0], strict=True))
+    slave.set(**{n: v for n, v in row.items() if not n.startswith("applied")} | {"state.Y": row["state.Y"] - far})
+    commands = []
+    for applied in (1e300, np.nan, 0.0, 0.0, -0.3):
+        slave.set(**{"applied.delta": applied})
+        slave.step()
+        commands.append(slave.get("delta")[0])
+    most = follower.rate * follower.dt
+    assert commands == pytest.approx([most, 2 * most, most, most, most - 0.3], abs=1e-12)
     slave.end()

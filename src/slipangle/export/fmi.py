@@ -39,6 +39,7 @@ PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
 NOT_MEASURED = 1e300  # beyond every channel's range
 LARGEST = sys.float_info.max  # start of a parameter that is infinite, for which a description has no number
 NOT_NEW = "new when it changes; NaN and 1e300: not measured"
+APPLIED = "as it was over the step before; NaN and 1e300: as commanded"
 DRIVER_DOCS = {
     "wanted_v_x": "speed that the vehicle should have; 0: it should stop",
     "s": "arc length of the path beside the vehicle",
@@ -71,8 +72,9 @@ def export_fmu(
     A model has its inputs and outputs, its states as local variables ``state.NAME``, whose start values can be set
     before initialisation, and its parameters, within their ranges, as tunable ones, an infinite one from the largest
     finite number on; directional derivatives are those of its outputs by all these. A model whose equations branch by
-    its parameters, the dual track, has them compiled in. A controller has its state, reference and exogenous inputs as
-    inputs, ``reference.Y[3]`` the fourth node's, and its command, status, age, ``stopping`` and count of fallbacks as
+    its parameters, the dual track, has them compiled in. A controller has its state, reference, exogenous inputs and
+    corridor as inputs, ``reference.Y[3]`` the fourth node's, and ``applied.NAME``, what was really applied of its last
+    command; and its command, status, age, ``stopping`` and count of fallbacks as
     outputs, which belong to the inputs at the beginning of the last step. A step is a whole number of sample times;
     inputs are held over it. The state can be saved, restored and written out. Names are those of the channels, each
     different: a second one of the same name gets a number.
@@ -225,6 +227,8 @@ def _of_controller(project: Project, own: Mapping[str, Quantity]) -> Part:
         ("corridor", ("right", "left") if n["CORRIDOR"] else (), n["NODES"]),
     ):
         listed += [channel(f"{what}.{c}[{i}]", "input", c, 0.0, own) for i in range(rows) for c in columns]
+    applied = [channel(f"applied.{c}", "input", c, NOT_MEASURED, own) for c in names["controls"]]
+    listed += [replace(v, doc=f"{v.doc}; {APPLIED}".removeprefix("; ")) for v in applied]
     listed += [channel(c, "output", c, own=own) for c in names["controls"]]
     listed += [replace(channel(c, "output", ""), doc=DRIVER_DOCS[c]) for c in STATUS_NUMBERS]
     listed = [replace(v, doc=f"{v.doc}; -1: nothing was planned yet") if v.name == "status" else v for v in listed]

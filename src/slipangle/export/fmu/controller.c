@@ -1,4 +1,7 @@
-/* Real numbers: what a controller is given, in the order of its input struct; then what it decided. */
+/* Real numbers: what a controller is given, in the order of its input struct, and inputs that were applied; then what it
+   decided. */
+#define NOT_KNOWN 1e300
+
 typedef struct {
     car_controller controller;
     car_input given;
@@ -21,7 +24,12 @@ static void fmuOutput(Part *p, double *v)
 
 static int fmuStep(Part *p, double *v)
 {
-    memcpy(&p->given, v, sizeof(double) * OUTPUTS);
+    const double *applied = v + OUTPUTS - CAR_CONTROLS;
+    memcpy(&p->given, v, sizeof(double) * (OUTPUTS - CAR_CONTROLS));
+    memcpy(p->given.applied, applied, sizeof p->given.applied);
+    p->given.applied_known = 1;
+    for (int j = 0; j < CAR_CONTROLS; j++)
+        p->given.applied_known &= fabs(applied[j]) < NOT_KNOWN;
     (void)car_plan(&p->controller, &p->given, &p->out);
     return 1; /* a command always is a number */
 }
