@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import slipangle as sa
+from slipangle.codegen import compiler
 from slipangle.data.channels import INNER, STANDARD
 from slipangle.export.fmi import _of_model
 from slipangle.export.kinds import project_of
@@ -16,6 +17,7 @@ from tests.export.test_drivers import driver
 from tests.export.test_mpc import STANLEY, controller
 from tests.models.all_models import ALL_MODELS
 
+needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 ROOT = Path(__file__).parents[2]
 VEHICLES = ("bicycle", "relaxing bicycle", "nonlinear bicycle", "steered, with load transfer", "single track, Radau")
 VEHICLES += ("dual track, aided", "bicycle with late steering", "bicycle pushed by a wind", "bicycle that answers late")
@@ -85,6 +87,7 @@ def test_what_is_not_known_is_left_alone(name):
     assert known(name, {}) is None
 
 
+@needs_compiler
 def test_a_controllers_header_says_rates():
     assert defined(controller(3), "U") == {"DELTA": "[rad], -0.35 to 0.35, -1 to 1 per second"}
     assert defined(STANLEY, "U")["DELTA"].endswith(f"[rad], {-STANLEY.limit:.6g} to {STANLEY.limit:.6g}")
@@ -96,6 +99,7 @@ def test_an_estimators_parameters_have_units():
     assert defined(ekf, "P") == {"C_F": "[N/rad]", "INERTIA_Z": "[kg m2]"}
 
 
+@needs_compiler
 def test_a_header_says_how_late_an_output_is_taken_to_be():
     start = sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("v_y", "r"))
     ekf = sa.EKF(start=start, noise_std={"v_y": 0.05, "r": 0.01}, late={"v_y": 0.06})
