@@ -1,5 +1,6 @@
 """`Driver`: from measurements to commands, whatever is missing, late, wrong or pushed."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,8 +16,10 @@ from slipangle.control.default_drive import (
     less_trusting,
 )
 from slipangle.control.driver import Driver
+from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
+from slipangle.models.vehicles.aided import RearSteered
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
@@ -249,5 +252,15 @@ def test_what_does_not_fit_is_said():
     other = default_controller(driven_model(LATE, 0.04))
     with pytest.raises(ParameterError, match="expected the same model in both"):
         Driver(LATE, LINE, controller=other, estimator=default_estimator(driven_model(LATE, 0.02), NOISE, {}))
+    whole = default_controller(driven_model(LATE, 0.02))
+    told = replace(
+        whole.ocp, terms={"far": lambda x, u, p: p.k * x[1]}, parameters=("k",), limits={"delta": 0.5, "far": 9.0}
+    )
+    with pytest.raises(ParameterError, match=r"the controller is told \['k'\] over its horizon, which no driver knows"):
+        Driver(LATE, LINE, controller=replace(whole, ocp=told), noise=NOISE)
+    aided = RearSteered(KNOWN)
+    both = MPC(driven_model(aided, 0.02), horizon=3, controls=("delta", "delta_r"), Q=whole.ocp.Q)
+    with pytest.raises(ParameterError, match=r"decides \['delta', 'delta_r'\]; expected the steering alone"):
+        Driver(aided, LINE, controller=both, noise=NOISE)
     with pytest.raises(ParameterError, match="nobody sets the plant's input 'bank'"):
         drive(Plant(car(bank=0.06)), driver())

@@ -3,6 +3,7 @@
 import ctypes
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,16 +11,18 @@ import pytest
 from slipangle.codegen import compiler
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
+from slipangle.export import export
 from slipangle.export.kinds import project_of
 from slipangle.export.memory import size_of
 from slipangle.export.precision import as_precision, single
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
 from tests.export import test_drivers, test_estimators, test_followers, test_marx
-from tests.export.loaded import Loaded
+from tests.export.loaded import STATUSES, Loaded
 from tests.export.test_mpc import KINDS, controller, upset
 from tests.export.tools import STRICT, built_and_run, needs, run
 from tests.models.all_models import ALL_MODELS
@@ -287,3 +290,26 @@ def test_what_has_no_single_precision_is_said():
         projects(ALL_MODELS["single track, Radau"])
     with pytest.raises(ParameterError, match="the precision is 'half'; expected 'double' or 'single'"):
         as_precision(project_of(ALL_MODELS["bicycle"], "car", 3), "half")
+
+
+@needs_compiler
+def test_single_precision_takes_far_places_for_a_fault(tmp_path):
+    """In UTM coordinates a float knows half a metre: no plan is made of that, and the header says from where on."""
+    mpc, said = controller(3), {}
+    for precision in ("double", "single"):
+        export(mpc, tmp_path / precision, name="car", drive=2, precision=precision)
+        said[precision] = (tmp_path / precision / "car.h").read_text()
+    assert "[m], -65536 to 65536 */" in said["single"]
+    assert "[m], -2e+07 to 2e+07 */" in said["double"]
+    exported = Loaded({n: (tmp_path / "single" / n).read_text() for n in ("car.h", "car.c")}, kind=ctypes.c_float)
+    path, x = double_lane_change(20.0), mpc.model.straight(20.0)
+    wanted = mpc.reference(path.ahead(0.0, mpc.times))
+    place = mpc.model.states.index("Y")
+    for far, fault in ((6e4, False), (4.2e6, True)):
+        there = np.array(x) + far * (np.arange(len(x)) == place)
+        tracked = wanted.tracked + far * (np.array(mpc.references) == "Y")
+        out = exported.plan(there, replace(wanted, tracked=tracked))
+        assert (STATUSES[out.status] is Status.IMPLAUSIBLE) is fault
+    own = replace(mpc, plausible={"Y": 50.0})
+    export(own, tmp_path / "own", name="car", drive=2, precision="single")
+    assert "[m], -50 to 50 */" in (tmp_path / "own" / "car.h").read_text()

@@ -171,3 +171,18 @@ def less_trusting(controller: MPC, reference: Reference, surprise: float) -> Ref
         Q=np.vstack([np.tile(q * course, (ocp.horizon, 1)), end * course]),
         S=np.tile(s * (doubt * doubt * doubt), (ocp.horizon, 1)),
     )
+
+
+def require_told(controller: Any) -> None:
+    """Raise ParameterError unless a driver can say all that a controller is told."""
+    if len(controller.controls) != 1:
+        raise ParameterError(
+            f"the controller decides {list(controller.controls)}; expected the steering alone: pedals are those of the "
+            "driver's speed law"
+        )
+    strange = [n for n in controller.exogenous if n not in ("v_x", "v_x_dot", *controller.model.inputs)]
+    if strange:
+        raise ParameterError(
+            f"the controller is told {strange} over its horizon, which no driver knows; expected the speed and the "
+            "model's inputs: write what stays the same into the terms"
+        )

@@ -20,6 +20,7 @@ from slipangle.control.default_drive import (
     default_estimator,
     driven_model,
     less_trusting,
+    require_told,
     size_of,
 )
 from slipangle.control.front_slip import grip_left
@@ -85,7 +86,8 @@ class Driver(Brief):
     Raises
     ------
     ParameterError
-        If the path has no speed profile, or the models of controller and estimator are not the same.
+        If the path has no speed profile, the models of controller and estimator are not the same, or the controller
+        decides more than the steering or asks for parameters over its horizon.
     """
 
     _lists = ("path", "controller", "estimator", "speed", "dt")
@@ -117,6 +119,7 @@ class Driver(Brief):
                 f"estimator knows {whole.n_states} every {self.dt:g} s; expected the same model in both"
             )
         require_names(POSE, whole.states, "the driver", "use a model on the ground")
+        require_told(self.controller)
         size = size_of(whole)
         self._slowest, self._jump, self._lost = SLOWEST * math.sqrt(size), JUMP * math.sqrt(size), UNCERTAIN * size
         self._size = size

@@ -19,7 +19,7 @@ from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
-from slipangle.export.precision import as_precision, require_near
+from slipangle.export.precision import as_near, as_precision, require_near
 from slipangle.export.project import write
 from slipangle.export.settings import place, require_budget, require_drive
 
@@ -80,6 +80,7 @@ def export(
     require_drive(drive)
     require_budget(budget)
     require_near(thing, precision)
+    thing = as_near(thing, precision)
     project = as_precision(project_of(thing, checked(name) if name else "", drive), precision)
     if budget:
         project = replace(project, **with_budget(project, measured(project, budget)))

@@ -11,8 +11,9 @@ import numpy as np
 from slipangle.control.controller import Controller
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.switched import SwitchedMPC
-from slipangle.data.channels import STANDARD
+from slipangle.data.channels import Quantity
 from slipangle.export.drives import Drive, exogenous_rows
+from slipangle.export.meanings import meaning, parameters
 from slipangle.export.memory import size_of
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
@@ -131,7 +132,8 @@ def header(
             strict=False,
         )
     )
-    bounds = limits_of(base_of(controller))
+    bounds, own = limits_of(base_of(controller)), controller.model.quantities
+    rates = {n: f", {a:.6g} to {b:.6g} per second" for n, (a, b) in rates_of(base_of(controller)).items()}
     text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes, source))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt))).replace("@DECIDED@\n", _decided(controller))
@@ -140,7 +142,7 @@ def header(
     for mark, (letter, names) in places.items():
         known = bounds if letter == "U" else ranges
         lines = [
-            f"#define {c} {i} /* {_meaning(n, known.get(n))} */"
+            f"#define {c} {i} /* {_meaning(n, known.get(n), own)}{rates.get(n, '') if letter == 'U' else ''} */"
             for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items())
         ]
         text = text.replace(mark, "\n".join(lines) or "/* none */")
@@ -160,7 +162,10 @@ def _decided(controller: Controller) -> str:
         return ""
     bounds: dict[str, Any] = {**ocp.free, **({} if ocp.duration is None else {"duration": ocp.duration})}
     listed = enumerate(constants("CAR_D", once).items())
-    lines = [f"#define {c} {i} /* {_meaning(n, (float(bounds[n][0]), float(bounds[n][1])))} */" for i, (n, c) in listed]
+    own = {**parameters(ocp.model), "duration": Quantity("s", "how long the horizon is")}
+    lines = [
+        f"#define {c} {i} /* {_meaning(n, (float(bounds[n][0]), float(bounds[n][1])), own)} */" for i, (n, c) in listed
+    ]
     return "\n".join(["/* What is decided once for the whole horizon, with its limits. */", *lines, ""])
 
 
@@ -211,9 +216,16 @@ def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:
     return {controller.controls[0]: (-limit, limit)}
 
 
-def _meaning(name: str, between: tuple[float, float] | None) -> str:
-    known = STANDARD.get(name)
-    said = f"{comment(name)}: {known.doc} [{known.unit}]" if known else f"{comment(name)}"
+def rates_of(controller: Controller) -> dict[str, tuple[float, float]]:
+    """Lowest and highest change per second of each decided input, where that is bounded."""
+    owner = getattr(controller, "ocp", controller)
+    rate = float(getattr(owner, "rate", np.inf))
+    found = getattr(owner, "rates", {controller.controls[0]: (-rate, rate)})
+    return {n: (float(low), float(high)) for n, (low, high) in found.items() if not (low == -np.inf and high == np.inf)}
+
+
+def _meaning(name: str, between: tuple[float, float] | None, own: Mapping[str, Quantity]) -> str:
+    said = meaning(name, own)
     return said if between is None else f"{said}, {between[0]:.6g} to {between[1]:.6g}"
 
 

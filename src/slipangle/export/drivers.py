@@ -12,13 +12,14 @@ from slipangle.control.default_drive import MOST as MOST_DOUBT
 from slipangle.control.driver import MOST, Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import BRAKED, SpeedDriver
+from slipangle.data.channels import Quantity
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import limits_of, number, table
 from slipangle.export.drives import Drive, DriverRecorder, channels
-from slipangle.export.estimators import filter_source
+from slipangle.export.estimators import filter_source, heard
 from slipangle.export.joined import has_parts
 from slipangle.export.loops import NOTHING, Loop, line_tables, path_source
 from slipangle.export.project import Project, template, with_prefix
@@ -57,7 +58,8 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
         added=_trusting(driver.controller) if driver._trusts else "",
         included='#include "car_window.h"\n' if back else "",
         member="    car_window window;\n" if back else "",
-        meanings={},
+        heard=heard(driver.estimator),
+        meanings=meanings(driver),
         counts={},
         window=back.files if back else {},
         sizes=back.sizes if back else NOTHING,
@@ -79,10 +81,6 @@ def _require_known(driver: Driver) -> None:
             "the driver weighs scenarios, free parameters, Huber costs or an exact Hessian by its trust in the model, "
             "which has no C; expected a problem without: give Driver(controller=...) an MPC of its own, whose weights "
             "stay"
-        )
-    if len(driver.controller.controls) != 1:
-        raise ParameterError(
-            f"the driver's controller decides {list(driver.controller.controls)}; expected the steering alone"
         )
 
 
@@ -207,6 +205,13 @@ def _bounds(driver: Driver) -> dict[str, tuple[float, float]]:
         for n, drive, brake in driver.speed._shares:
             bounds[n] = min(high * drive, low * brake, 0.0), max(high * drive, low * brake, 0.0)
     return bounds
+
+
+def meanings(driver: Driver) -> dict[str, Quantity]:
+    """What names of a driver mean that are no channels, or other than these: a brake of at most one is a pedal."""
+    low, high = _bounds(driver).get("brake", (0.0, np.inf))
+    pedal = {"brake": Quantity("-", "brake pedal, 0 to 1")} if max(-low, high) <= 1 else {}
+    return {**driver.controller.model.quantities, **pedal}
 
 
 def standard_driver_drive(driver: Driver, steps: int) -> Drive:

@@ -13,8 +13,9 @@ from slipangle.estimate.filter import Scales, filter_step
 from slipangle.estimate.measurements import OPEN, headings
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import table
+from slipangle.export.meanings import meaning, parameters
 from slipangle.export.memory import size_of
-from slipangle.export.models import free_run, meaning
+from slipangle.export.models import free_run
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.export.windows import window_solver, window_tables
@@ -101,7 +102,7 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
         parts += [table("PARAMETERS", scales.start), table("POSITIVE", scales.positive, "int")]
     source = "\n".join([*parts, template("estimator.c")])
     header = _header(estimator, title, start)
-    bytes_ = size_of(f"{header}\n{source}", "Filter", 1)
+    bytes_ = size_of(f"{header}\n{source}", "Estimator", 1)
     solver = window_solver(back) if back else None
     window, sizes = (solver.files, solver.sizes) if solver else ({}, {1: 0})
     counts = (("y", model.n_outputs), ("u", model.n_inputs), ("x", model.n_states))
@@ -145,12 +146,19 @@ def _header(estimator: EKF, title: str, start: np.ndarray) -> str:
     failed = "    int64_t failures; /* windows without a solution since car_start; a filter through them stands in */\n"
     text = text.replace("@FAILURES@", failed if back else "")
     text = text.replace("@START@", ", ".join(repr(float(v)) for v in start))
+    own = {**parameters(model), **model.quantities}
     for letter, (mark, listed) in zip("XYUPB", names.items(), strict=True):
         made = constants(f"CAR_{letter}", listed).items()
-        noise = {n: f", {estimator.noise(n):.6g}" for n in model.outputs} if mark == "OUTPUTS" else {}
-        lines = [f"#define {c} {i} /* {meaning(n)}{noise.get(n, '')} */" for i, (n, c) in enumerate(made)]
+        noise = heard(estimator) if mark == "OUTPUTS" else {}
+        lines = [f"#define {c} {i} /* {meaning(n, own)}{noise.get(n, '')} */" for i, (n, c) in enumerate(made)]
         text = text.replace(f"@{mark}@", "\n".join(lines) or "/* none */")
     return text
+
+
+def heard(estimator: EKF) -> dict[str, str]:
+    """Of each output the standard deviation of its noise and how late it is, for a comment."""
+    late = {n: f", {1e3 * s:.6g} ms late" for n, s in estimator.late.items() if s > 0}
+    return {n: f", {estimator.noise(n):.6g}{late.get(n, '')}" for n in estimator.model.outputs}
 
 
 def replayed(estimator: EKF, data: Dataset | int) -> tuple[np.ndarray, np.ndarray]:

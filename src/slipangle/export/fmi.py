@@ -7,6 +7,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -17,15 +18,18 @@ import casadi as ca
 from slipangle.codegen import compiler
 from slipangle.control.driver import Driver
 from slipangle.control.racing.racer import Racer
+from slipangle.data.channels import Quantity
 from slipangle.errors import ParameterError, WriteError, shown
 from slipangle.estimate.filter import moving, parametrised
 from slipangle.export.controllers import table
+from slipangle.export.drivers import meanings
 from slipangle.export.drives import SPEED
 from slipangle.export.fmi_description import Part, Variable, build_description, channel, description, unique
 from slipangle.export.kinds import project_of
 from slipangle.export.models import sourced
 from slipangle.export.names import checked, with_prefix
 from slipangle.export.project import LICENCE, Project, guarded
+from slipangle.export.racers import MEANINGS
 from slipangle.export.settings import is_count, place
 from slipangle.files import write_atomic
 from slipangle.models.model import Model
@@ -35,11 +39,12 @@ PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
 NOT_MEASURED = 1e300  # beyond every channel's range
 LARGEST = sys.float_info.max  # start of a parameter that is infinite, for which a description has no number
 NOT_NEW = "new when it changes; NaN and 1e300: not measured"
+APPLIED = "as it was over the step before; NaN and 1e300: as commanded"
 DRIVER_DOCS = {
     "wanted_v_x": "speed that the vehicle should have; 0: it should stop",
     "s": "arc length of the path beside the vehicle",
     "e_y": "how far the vehicle is to the left of the path, as estimated",
-    "reason": "where commands come from, as in the C header; 0: a plan",
+    "reason": "where commands come from, as in the C header; 0: a plan; -1: there was no step yet",
     "planned": "0: there is no plan, and the numbers on it say nothing",
     "status": "how the solve ended, as in the C header",
     "age": "0: a solution; k: a fallback, the k-th in a row",
@@ -48,6 +53,7 @@ DRIVER_DOCS = {
     "restarts": "how often the estimator had to start anew",
 }
 DRIVER_NUMBERS = ("reason", "planned", "status", "age", "stopping", "fallbacks", "restarts")
+EDGES = {e: Quantity("m", f"distance of the {e} edge from the path") for e in ("right", "left")}
 STATUS_NUMBERS = ("status", "age", "stopping", "fallbacks")
 VERSIONS = (2, 3)
 
@@ -66,8 +72,9 @@ def export_fmu(
     A model has its inputs and outputs, its states as local variables ``state.NAME``, whose start values can be set
     before initialisation, and its parameters, within their ranges, as tunable ones, an infinite one from the largest
     finite number on; directional derivatives are those of its outputs by all these. A model whose equations branch by
-    its parameters, the dual track, has them compiled in. A controller has its state, reference and exogenous inputs as
-    inputs, ``reference.Y[3]`` the fourth node's, and its command, status, age, ``stopping`` and count of fallbacks as
+    its parameters, the dual track, has them compiled in. A controller has its state, reference, exogenous inputs and
+    corridor as inputs, ``reference.Y[3]`` the fourth node's, and ``applied.NAME``, what was really applied of its last
+    command; and its command, status, age, ``stopping`` and count of fallbacks as
     outputs, which belong to the inputs at the beginning of the last step. A step is a whole number of sample times;
     inputs are held over it. The state can be saved, restored and written out. Names are those of the channels, each
     different: a second one of the same name gets a number.
@@ -136,7 +143,7 @@ def _part(thing: Any, project: Project) -> Part:
     if isinstance(thing, Driver | Racer):
         return _of_driver(thing, project)
     if "interface" in project.facts:
-        return _of_controller(project)
+        return _of_controller(project, {**thing.model.quantities, **EDGES})
     if isinstance(thing, Model):
         return _of_model(thing)
     raise ParameterError(
@@ -164,8 +171,9 @@ def _of_model(model: Any) -> Part:
     """C of step, output and its derivative, by all that can be set; and the variables, states first."""
     names, functions = _parametric(model)
     n, start = model.n_states, model.straight(SPEED)
-    listed = [channel(f"state.{s}", "local", s, start=float(v)) for s, v in zip(model.states, start, strict=True)]
-    listed += [channel(s, "input", s, start=SPEED if s == "v_x" else 0.0) for s in model.inputs]
+    own = model.quantities
+    listed = [channel(f"state.{s}", "local", s, float(v), own) for s, v in zip(model.states, start, strict=True)]
+    listed += [channel(s, "input", s, SPEED if s == "v_x" else 0.0, own) for s in model.inputs]
     for s in names:
         said = parametrised(model).si(s)
         value = min(max(float(parametrised(model).value(s)), -LARGEST), LARGEST)
@@ -173,7 +181,7 @@ def _of_model(model: Any) -> Part:
         listed.append(
             Variable(name=s, causality="parameter", unit=said.unit, doc=said.doc, start=value, low=low, high=high)
         )
-    listed += [channel(s, "output", s) for s in model.outputs]
+    listed += [channel(s, "output", s, own=own) for s in model.outputs]
     step, output, slope = functions
     declared = [
         ("static void stepOf", step, ["v[REALS]"], "next[STATES]"),
@@ -209,32 +217,35 @@ def _functions(model: Any, names: tuple[str, ...]) -> tuple[ca.Function, ...]:
     return tuple(ca.Function(name, given, [ca.densify(made)]) for name, (given, made) in results.items())
 
 
-def _of_controller(project: Project) -> Part:
+def _of_controller(project: Project, own: Mapping[str, Quantity]) -> Part:
     """A shell around the files of a controller, and the variables: its input struct's numbers, then what it decided."""
     names, n = project.facts["interface"], project.facts["sizes"]
-    listed = [channel(f"state.{s}", "input", s, start=0.0) for s in names["states"]]
+    listed = [channel(f"state.{s}", "input", s, 0.0, own) for s in names["states"]]
     for what, columns, rows in (
         ("reference", names["references"], n["NODES"]),
         ("exogenous", names["exogenous"], n["EXOGENOUS_ROWS"]),
         ("corridor", ("right", "left") if n["CORRIDOR"] else (), n["NODES"]),
     ):
-        listed += [channel(f"{what}.{c}[{i}]", "input", c, start=0.0) for i in range(rows) for c in columns]
-    listed += [channel(c, "output", c) for c in names["controls"]]
-    listed += [channel(c, "output", "") for c in STATUS_NUMBERS]
+        listed += [channel(f"{what}.{c}[{i}]", "input", c, 0.0, own) for i in range(rows) for c in columns]
+    applied = [channel(f"applied.{c}", "input", c, NOT_MEASURED, own) for c in names["controls"]]
+    listed += [replace(v, doc=f"{v.doc}; {APPLIED}".removeprefix("; ")) for v in applied]
+    listed += [channel(c, "output", c, own=own) for c in names["controls"]]
+    listed += [replace(channel(c, "output", ""), doc=DRIVER_DOCS[c]) for c in STATUS_NUMBERS]
+    listed = [replace(v, doc=f"{v.doc}; -1: nothing was planned yet") if v.name == "status" else v for v in listed]
     return _shell("controller.c", project, listed)
 
 
 def _of_driver(driver: Driver | Racer, project: Project) -> Part:
     """A shell around the files of a driver, and the variables: what is measured, then what it wants and believes."""
-    names = project.facts["interface"]
-    told = (channel(f"measured.{n}", "input", n, start=NOT_MEASURED) for n in names["channels"])
+    names, own = project.facts["interface"], MEANINGS if isinstance(driver, Racer) else meanings(driver)
+    told = (channel(f"measured.{n}", "input", n, NOT_MEASURED, own) for n in names["channels"])
     listed = [replace(v, doc=f"{v.doc}; {NOT_NEW}".removeprefix("; ")) for v in told]
-    pedals = {"brake": "brake pedal, 0 to 1"} if project.kind == "racer" else {}
-    listed += [channel(n, "output", "" if n in pedals else n) for n in names["controls"]]
+    listed += [channel(n, "output", n, own=own) for n in names["controls"]]
     listed += [channel(n, "output", of) for n, of in (("wanted_v_x", "v_x"), ("s", "X"), ("e_y", "Y"))]
-    for what in ("state", "state_std"):
-        listed += [channel(f"{what}.{n}", "output", n) for n in names["states"]]
-    listed = [replace(v, doc=(DRIVER_DOCS | pedals).get(v.name, v.doc)) for v in listed]
+    for what, of in (("state", ""), ("state_std", "standard deviation: ")):
+        made = [channel(f"{what}.{n}", "output", n, own=own) for n in names["states"]]
+        listed += [replace(v, doc=f"{of}{v.doc}") for v in made]
+    listed = [replace(v, doc=DRIVER_DOCS.get(v.name, v.doc)) for v in listed]
     listed += [replace(channel(n, "output", ""), doc=DRIVER_DOCS[n]) for n in DRIVER_NUMBERS]
     return _shell("driver.c", project, listed)
 

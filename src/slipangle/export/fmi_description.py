@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from slipangle.data.channels import STANDARD
+from slipangle.data.channels import Quantity
+from slipangle.export.meanings import known
 from slipangle.export.names import different
 from slipangle.export.project import Project
 
@@ -73,11 +75,14 @@ class Part:
     derivatives: bool = False
 
 
-def channel(name: str, causality: str, of: str, start: float | None = None) -> Variable:
-    """A variable with unit and meaning of a channel, where that is a standard one."""
-    known = STANDARD.get(of)
-    unit = known.unit if known else "m" if of in ("right", "left") else ""
-    return Variable(name=name, causality=causality, unit=unit, doc=known.doc if known else "", start=start)
+def channel(
+    name: str, causality: str, of: str, start: float | None = None, own: Mapping[str, Quantity] = MappingProxyType({})
+) -> Variable:
+    """A variable with unit and meaning of a channel or a state, where these are known; ``own`` as for `known`."""
+    said = known(of, own)
+    return Variable(
+        name=name, causality=causality, unit=said.unit if said else "", doc=said.doc if said else "", start=start
+    )
 
 
 def unique(variables: Sequence[Variable]) -> list[Variable]:

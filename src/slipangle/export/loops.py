@@ -11,10 +11,11 @@ import numpy as np
 from slipangle.control.driver import Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.racing.racer import Racer
+from slipangle.data.channels import Quantity
 from slipangle.export.controllers import LANES, table
 from slipangle.export.drives import NO_DRIVE, Drive, channels
+from slipangle.export.meanings import meaning
 from slipangle.export.memory import size_of
-from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
@@ -42,7 +43,9 @@ class Loop:
         Of the estimator.
     ranges, bounds : mapping of str to (float, float)
         Beyond which a measurement is taken for a fault, and of the commands.
-    meanings : mapping of str to str
+    heard : mapping of str to str
+        What the header says of an output: its noise and how late it is.
+    meanings : mapping of str to Quantity
         Of names that are not what the table of channels says, with their units.
     source : str
         What stands after the header in ``car.c``.
@@ -70,7 +73,8 @@ class Loop:
     bounds: Ranges
     source: str
     added: str = ""
-    meanings: Mapping[str, str]
+    heard: Mapping[str, str]
+    meanings: Mapping[str, Quantity]
     included: str = ""
     member: str = ""
     more: str = ""
@@ -139,7 +143,8 @@ class Loop:
             lines = []
             for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items()):
                 said = f", {known[n][0]:.6g} to {known[n][1]:.6g}" if n in known else ""
-                lines.append(f"#define {c} {i} /* {self.meanings.get(n) or meaning(n)}{said} */")
+                said += self.heard.get(n, "") if letter == "Y" else ""
+                lines.append(f"#define {c} {i} /* {meaning(n, self.meanings)}{said} */")
             marks[mark] = "\n".join(lines)
         text = template("driver.h")
         for mark, value in marks.items():

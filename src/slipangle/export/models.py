@@ -12,6 +12,7 @@ from slipangle.codegen.expression import MOST_INSTRUCTIONS, emit, preamble, scal
 from slipangle.data.channels import STANDARD
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.export.meanings import meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, template
 from slipangle.models.model import Model
@@ -202,15 +203,9 @@ def header(model: Model, title: str, start: np.ndarray) -> str:
         ("@OUTPUTS@", "Y", model.outputs, [""] * n_outputs),
     ):
         made = zip(constants(f"CAR_{letter}", names).items(), more, strict=True)
-        lines = [f"#define {c} {i} /* {meaning(n)}{at} */" for i, ((n, c), at) in enumerate(made)]
+        lines = [f"#define {c} {i} /* {meaning(n, model.quantities)}{at} */" for i, ((n, c), at) in enumerate(made)]
         text = text.replace(mark, "\n".join(lines) or "/* none */")
     return text
-
-
-def meaning(name: str) -> str:
-    """What a channel is, and its unit, for a comment."""
-    known = STANDARD.get(name)
-    return f"{comment(name)}: {known.doc} [{known.unit}]" if known else comment(name)
 
 
 def free_run(model: Model, data: Dataset | int) -> tuple[np.ndarray, np.ndarray]:

@@ -71,6 +71,7 @@ def as_precision(project: Project, precision: str) -> Project:
 
 
 _APART = 0.005  # m between neighbouring numbers of single precision, from which a place is too far from the origin
+_FAR = 2.0**16  # m, from where on they are that far apart
 
 
 def require_near(thing: Any, precision: str) -> None:
@@ -92,6 +93,20 @@ def require_near(thing: Any, precision: str) -> None:
             f"apart; expected at most {_APART:g} m: subtract its start from the path and from what is measured, or "
             'take precision="double"'
         )
+
+
+def as_near(thing: Any, precision: str) -> Any:
+    """The controller, in single precision one that takes positions for a fault where numbers do not tell them apart.
+
+    What has no plausible ranges of its own, such as a driver, whose path `require_near` looks at, stays as it is.
+    """
+    ranges = getattr(thing, "plausible", None)
+    if precision != "single" or ranges is None:
+        return thing
+    names = [n for n in ("X", "Y") if n in thing.model.states]
+    ends = {n: dict(ranges.items()).get(n, (-_FAR, _FAR)) for n in names}
+    near = {n: (max(float(low), -_FAR), min(float(high), _FAR)) for n, (low, high) in ends.items()}
+    return replace(thing, plausible={**dict(ranges.items()), **near}) if near else thing
 
 
 def single(text: str) -> str:

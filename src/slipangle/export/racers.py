@@ -18,19 +18,20 @@ from slipangle.control.racing.sectors import ENOUGH, KEPT, SLOWER, STEP
 from slipangle.control.racing.sectors import LEAST as LEAST_TRIAL
 from slipangle.control.racing.sensing import POSE, RANGES, WANTED, WHOLE, Sensing
 from slipangle.control.watch import TURN_OFF, WAY_OFF
+from slipangle.data.channels import Quantity
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import number, table
 from slipangle.export.drives import Drive, DriverRecorder
-from slipangle.export.estimators import filter_source
+from slipangle.export.estimators import filter_source, heard
 from slipangle.export.loops import NOTHING, Loop, line_tables, path_source
 from slipangle.export.project import Project, template, with_prefix
 
 EXOGENOUS = ("curvature", "stage", "mu_f", "mu_r", "d_v_x", "d_r")  # in the order of ``c/racer_plans.c``
 
 MEANINGS = {
-    "brake": "brake: pedal [-]",
-    "d_v_x": "d_v_x: acceleration along the vehicle that its equations leave out [m/s2]",
-    "d_r": "d_r: yaw acceleration that its equations leave out [rad/s2]",
+    "brake": Quantity("-", "brake pedal"),
+    "d_v_x": Quantity("m/s2", "acceleration along the vehicle that its equations leave out"),
+    "d_r": Quantity("rad/s2", "yaw acceleration that its equations leave out"),
 }
 
 
@@ -58,6 +59,7 @@ def racer_project(racer: Racer, name: str, drive: Drive) -> Project:
         source=_source(made),
         added=f"\n{with_prefix(template('planned_anew.c'), 'car_planner')}",
         more=f"\n{template('racer_learned.h')}",
+        heard=heard(racer.sensing.filter),
         meanings=MEANINGS,
         counts={"SECTORS": len(made.sectors.ends)},
         window={},

@@ -7,8 +7,8 @@ import numpy as np
 from slipangle.codegen.expression import emit, preamble
 from slipangle.data.dataset import Dataset
 from slipangle.export.controllers import table
+from slipangle.export.meanings import meaning
 from slipangle.export.memory import size_of
-from slipangle.export.models import meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.identify.linear.recursive import RecursiveARX
@@ -40,7 +40,8 @@ def recursion_project(recursive: RecursiveARX, name: str, data: Dataset | int) -
         ("P", "REGRESSORS", regressors),
     ):
         lines = [
-            f"#define {c} {i} /* {meaning(n)} */" for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items())
+            f"#define {c} {i} /* {meaning(n, {})} */"
+            for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items())
         ]
         header = header.replace(f"@{mark}@", "\n".join(lines))
     parts = [

@@ -8,8 +8,8 @@ from slipangle.codegen.expression import emit, preamble
 from slipangle.data.dataset import Dataset
 from slipangle.estimate.side_slip_sensor import CHANNELS, LearnedSideSlip
 from slipangle.export.controllers import number, table
+from slipangle.export.meanings import meaning
 from slipangle.export.memory import size_of
-from slipangle.export.models import meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -32,7 +32,7 @@ def sensor_project(sensor: LearnedSideSlip, name: str, data: Dataset | int) -> P
     header = template("sensor.h").replace("@TITLE@", comment(title)).replace("@DT@", repr(dt))
     header = header.replace("@STD@", repr(float(sensor.std))).replace("@SLOWEST@", repr(float(look.slowest)))
     header = header.replace("@NEEDED@", str(look.first + 1))
-    lines = [f"#define {c} {i} /* {meaning(n)} */" for i, (n, c) in enumerate(constants("CAR_C", CHANNELS).items())]
+    lines = [f"#define {c} {i} /* {meaning(n, {})} */" for i, (n, c) in enumerate(constants("CAR_C", CHANNELS).items())]
     header = header.replace("@CHANNELS@", "\n".join(lines))
     parts = [
         "#include <string.h>",

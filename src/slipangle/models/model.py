@@ -6,7 +6,7 @@ from __future__ import annotations
 import abc
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NoReturn, final
 import casadi as ca
 import numpy as np
 
-from slipangle.data.channels import STANDARD
+from slipangle.data.channels import STANDARD, Quantity
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.equal import Equal
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
@@ -320,6 +320,8 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     continuous : tuple or None
         F, shape (n, n), G and H, shape (n,), and the delay [s] of ``x' = F x + G u(t - delay)``, ``y = H x`` where
         that is what the samples are of, offsets apart.
+    quantities : mapping of str to Quantity
+        What its names mean that are no channels, or mean something else than a channel of that name.
     """
 
     dt: float
@@ -336,6 +338,7 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     told_by_poles: ClassVar[bool] = False  # better than by its coefficients, one by one
     affine: ClassVar[bool] = False
     continuous: tuple[np.ndarray, np.ndarray, np.ndarray, float] | None = derived(lambda self: None)
+    quantities: Mapping[str, Quantity] = derived(lambda self: {})
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs, in this process or another: all but what was computed on the way."""

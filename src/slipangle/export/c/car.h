@@ -24,7 +24,7 @@ typedef double car_seconds; /* of a clock */
 
 /* Entries of the state. */
 @STATES@
-/* Decided inputs, with their limits. */
+/* Decided inputs, with their limits, and those of their rates. */
 @CONTROLS@
 /* Columns of the reference. */
 @REFERENCES@

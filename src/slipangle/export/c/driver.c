@@ -11,7 +11,7 @@ typedef struct {
     double read[NY];          /* what each output read when it was taken in last */
     double inputs[NU], v_x, s, integral, output, steered, surprise;
     car_seconds v_at, seen[NY], t0, now;
-    int64_t tick, jumps, restarts;
+    int64_t started, tick, jumps, restarts;
     int tracking, planned, begun, iterations;
     double seconds;
     car_seconds (*clock)(void *);
@@ -46,6 +46,7 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < NY; i++)
         d->pending[i] = NAN, d->seen[i] = NAN;
     d->v_x = d->s = NAN, d->tick = -1;
+    d->started = STARTED;
     watch_begin(&d->watch);
 #ifdef TRUSTED
     d->surprise = UNKNOWN;
@@ -353,6 +354,8 @@ int car_step(car_driver *memory, const car_measurements *measured, car_commands 
     Driver *d = own(memory);
     car_seconds t = measured->t;
     int code = CAR_WRONG_TIME;
+    if (!begun_with(d, commands))
+        return CAR_NOT_STARTED;
     if (in_order(d, t)) {
         if (!d->begun)
             d->t0 = t;

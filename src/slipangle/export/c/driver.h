@@ -27,7 +27,7 @@ typedef double car_seconds; /* of a clock */
 @COMMANDS@
 /* Entries of the estimated state. */
 @STATES@
-/* Outputs that the estimator takes in. */
+/* Outputs that the estimator takes in, with the standard deviation of their noise and how late they are taken to be. */
 @OUTPUTS@
 
 typedef struct {
@@ -70,7 +70,7 @@ typedef struct {
 @WINDOW@    int64_t memory[CAR_BYTES / 8];
 } car_driver;
 
-enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME };
+enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME, CAR_NOT_STARTED };
 
 /* Makes a driver of `bytes` bytes of memory, sizeof(car_driver); CAR_OK, or why not. Call it once, and again for a new
    drive. */
@@ -80,7 +80,8 @@ int car_start(car_driver *driver, size_t bytes);
 void car_deadline(car_driver *driver, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
 /* Takes in what was measured and says what to do; CAR_WRONG_TIME, with the commands as they were, where time is no number,
-   beyond 1e10 s or before that of the last call: these are old then, and the vehicle should stop. */
+   beyond 1e10 s or before that of the last call: these are old then, and the vehicle should stop. CAR_NOT_STARTED, with
+   commands of zero and a position that is lost, before car_start. */
 int car_step(car_driver *driver, const car_measurements *measured, car_commands *commands);
 
 /* The last plan; all zero before the first. */

@@ -2,6 +2,7 @@
 
 #define WINDOW 15 /* m around the last place on the path, in which the next one is looked for */
 #define LATEST ((car_seconds)1e10)
+#define STARTED 0x51195a17 /* of memory that car_start has made a driver of */
 #define TOGETHER ((car_seconds)1e-9)
 
 typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];
@@ -13,6 +14,20 @@ static Driver *own(car_driver *memory)
     d->filter.past.solver = &memory->window;
 #endif
     return d;
+}
+
+/* Whether car_start has made a driver of the memory; else what there is to be done. */
+static int begun_with(const Driver *d, car_commands *c)
+{
+    if (d->started == STARTED)
+        return 1;
+    memset(c, 0, sizeof *c);
+    c->reason = CAR_LOST;
+    for (int a = 0; a < NX; a++)
+        c->state_std[a] = INFINITY;
+    for (int i = 0; i < NY; i++)
+        c->age[i] = NAN;
+    return 0;
 }
 
 static double within(double v, double low, double high)

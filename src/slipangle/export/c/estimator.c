@@ -1,6 +1,15 @@
 /* The filter by itself. The same estimates as those of `RecursiveVehicle.update`. */
 
-typedef char car_bytes_are_enough[sizeof(Filter) <= CAR_BYTES ? 1 : -1];
+#define STARTED 0x51195a17 /* of memory that car_start has made an estimator of */
+
+typedef struct {
+    Filter filter; /* first, as `own` takes it */
+    int64_t started;
+} Estimator;
+
+typedef char car_bytes_are_enough[sizeof(Estimator) <= CAR_BYTES ? 1 : -1];
+
+static int64_t *started(car_estimator *e) { return &((Estimator *)(void *)e->memory)->started; }
 
 static Filter *own(car_estimator *e)
 {
@@ -28,12 +37,15 @@ int car_start(car_estimator *memory, size_t bytes, const double x[CAR_STATES])
         return CAR_MISALIGNED;
 #endif
     filter_begin(own(memory), x);
+    *started(memory) = STARTED;
     return all_finite(x, NX) ? CAR_OK : CAR_NOT_FINITE;
 }
 
 int car_restart(car_estimator *memory, const double x[CAR_STATES])
 {
     Filter *f = own(memory);
+    if (*started(memory) != STARTED)
+        return CAR_NOT_STARTED;
     if (!all_finite(x, NX))
         return CAR_NOT_FINITE;
     memcpy(f->now.z, x, sizeof(double) * NX);
@@ -45,8 +57,30 @@ int car_restart(car_estimator *memory, const double x[CAR_STATES])
     return CAR_OK;
 }
 
+/* What is known before car_start. */
+static void say_nothing(car_estimate *to)
+{
+    memset(to, 0, sizeof *to);
+    for (int a = 0; a < NX; a++)
+        to->state[a] = NAN, to->state_std[a] = INFINITY;
+    for (int i = 0; i < NY; i++)
+        to->innovation[i] = to->innovation_std[i] = NAN;
+#if CAR_PARAMETERS > 0
+    for (int k = 0; k < CAR_PARAMETERS; k++)
+        to->parameter[k] = NAN, to->parameter_std[k] = INFINITY;
+#endif
+#if CAR_BIASES > 0
+    for (int k = 0; k < CAR_BIASES; k++)
+        to->bias[k] = NAN, to->bias_std[k] = INFINITY;
+#endif
+}
+
 int car_update(car_estimator *memory, const car_sample *sample, car_estimate *to)
 {
+    if (*started(memory) != STARTED) {
+        say_nothing(to);
+        return CAR_NOT_STARTED;
+    }
     Filter *f = own(memory);
     const double *z = f->now.z, *P = f->now.P;
     int code = !all_finite(sample->u, NU) ? CAR_NOT_FINITE : filter_take(f, sample->y, sample->u) ? CAR_OK : CAR_DIVERGED;

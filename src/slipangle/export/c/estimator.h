@@ -21,7 +21,7 @@ extern "C" {
 
 /* Entries of the state. */
 @STATES@
-/* Measured outputs, with the standard deviation of their noise. */
+/* Measured outputs, with the standard deviation of their noise and how late they are taken to be. */
 @OUTPUTS@
 /* Inputs. */
 @INPUTS@
@@ -52,17 +52,18 @@ typedef struct {
 @WINDOW@    int64_t memory[CAR_BYTES / 8];
 } car_estimator;
 
-enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED, CAR_MISALIGNED };
+enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED, CAR_MISALIGNED, CAR_NOT_STARTED };
 
 /* Makes an estimator of `bytes` bytes of memory, sizeof(car_estimator), before its first sample; x is the state that is
    expected there. CAR_OK, or why not. */
 int car_start(car_estimator *estimator, size_t bytes, const double x[CAR_STATES]);
 
-/* Forgets the state but neither parameters nor offsets: for a new drive or after a gap; x is the state expected next. */
+/* Forgets the state but neither parameters nor offsets: for a new drive or after a gap; x is the state expected next.
+   CAR_OK, or why it stays as it is. */
 int car_restart(car_estimator *estimator, const double x[CAR_STATES]);
 
 /* Takes in a sample. CAR_NOT_FINITE where an input or the expected state is no number, CAR_DIVERGED where the estimate
-   would leave the finite numbers; the estimate is as before then. */
+   would leave the finite numbers; the estimate is as before then. CAR_NOT_STARTED, with NaN, before car_start. */
 int car_update(car_estimator *estimator, const car_sample *sample, car_estimate *estimate);
 
 #ifdef __cplusplus

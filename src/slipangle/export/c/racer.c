@@ -31,7 +31,7 @@ typedef struct {
     double s, from, turns, d_v_x, d_r;     /* from: where the drive began; d: what the model does not explain */
     double blind; /* m that the position may be off by since it was believed, and no filter knows of */
     car_seconds seen[NY], now, placed;
-    int64_t tick, asks, laps, restarts;
+    int64_t started, tick, asks, laps, restarts;
     int tracking, agreed, planned, lost, begun, gear, iterations;
     double seconds;
     car_seconds (*clock)(void *);
@@ -54,7 +54,7 @@ int car_start(car_driver *memory, size_t bytes)
     memset(d, 0, sizeof *d);
     for (int i = 0; i < NY; i++)
         d->seen[i] = NAN;
-    d->s = d->from = NAN, d->tick = -1, d->gear = 1;
+    d->started = STARTED, d->s = d->from = NAN, d->tick = -1, d->gear = 1;
     begin_learning(&d->learned);
     begin_sectors(&d->sectors);
     return CAR_OK;
@@ -213,6 +213,8 @@ int car_step(car_driver *memory, const car_measurements *measured, car_commands 
     Driver *d = own(memory);
     car_commands *c = &d->last;
     int code = CAR_WRONG_TIME;
+    if (!begun_with(d, commands))
+        return CAR_NOT_STARTED;
     if (in_order(d, measured->t)) {
         d->now = measured->t, d->begun = 1, d->tick++;
         memset(c, 0, sizeof *c);

@@ -2,7 +2,10 @@
 
 typedef struct {
     double state[N_STATE];
+    int64_t started;
 } Recursion;
+
+#define STARTED 0x51195a17 /* of memory that car_start has made a recursion of */
 
 typedef char car_bytes_are_enough[sizeof(Recursion) <= CAR_BYTES ? 1 : -1];
 
@@ -13,6 +16,7 @@ int car_start(car_recursion *memory, size_t bytes)
     if (bytes < sizeof *memory)
         return CAR_TOO_SMALL;
     memcpy(own(memory)->state, AT_START, sizeof own(memory)->state);
+    own(memory)->started = STARTED;
     return CAR_OK;
 }
 
@@ -23,6 +27,16 @@ int car_update(car_recursion *memory, const double y[CAR_OUTPUTS], const double 
     double sample[CAR_OUTPUTS + CAR_INPUTS], next[N_STATE];
     Recursion *r = own(memory);
     int code = CAR_OK;
+    if (r->started != STARTED) {
+        for (int i = 0; i < CAR_OUTPUTS; i++) {
+            to->error[i] = NAN;
+            for (int j = 0; j < CAR_REGRESSORS; j++)
+                to->theta[i][j] = NAN;
+            for (int j = 0; j < CAR_OUTPUTS; j++)
+                to->noise[i][j] = NAN;
+        }
+        return CAR_NOT_STARTED;
+    }
     memcpy(sample, y, sizeof(double) * CAR_OUTPUTS);
     memcpy(sample + CAR_OUTPUTS, u, sizeof(double) * CAR_INPUTS);
     for (int i = 0; i < CAR_OUTPUTS + CAR_INPUTS; i++)

@@ -36,7 +36,7 @@ typedef struct {
     int64_t memory[CAR_BYTES / 8];
 } car_recursion;
 
-enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED };
+enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED, CAR_NOT_STARTED };
 
 /* Makes a recursion of `bytes` bytes of memory, sizeof(car_recursion), with the estimate that was exported. A drive begins:
    CAR_LAGS samples fill past outputs and inputs before the next is learned from. */
@@ -46,7 +46,8 @@ int car_start(car_recursion *recursion, size_t bytes);
 void car_restart(car_recursion *recursion);
 
 /* Takes in a sample. The estimate is as it was where a number is none, CAR_NOT_FINITE, and where one is so large that the
-   estimate would leave the finite numbers, CAR_DIVERGED; CAR_LAGS samples are not learned from after the latter. */
+   estimate would leave the finite numbers, CAR_DIVERGED; CAR_LAGS samples are not learned from after the latter. CAR_NOT_STARTED,
+   with NaN, before car_start. */
 int car_update(car_recursion *recursion, const double y[CAR_OUTPUTS], const double u[CAR_INPUTS], car_estimate *to);
 
 #ifdef __cplusplus

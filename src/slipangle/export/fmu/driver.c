@@ -6,7 +6,11 @@ typedef struct {
     int64_t steps; /* since the start */
 } Part;
 
-static void fmuStart(Part *p) { (void)car_start(&p->driver, sizeof p->driver); }
+static void fmuStart(Part *p)
+{
+    (void)car_start(&p->driver, sizeof p->driver);
+    p->out.reason = -1; /* nothing was decided yet */
+}
 
 static double *listed(double *to, const double *from, size_t n)
 {
@@ -26,11 +30,12 @@ static void fmuOutput(Part *p, double *v)
     (void)listed(to, is, sizeof is / sizeof *is);
 }
 
-static void fmuStep(Part *p, double *v)
+static int fmuStep(Part *p, double *v)
 {
     p->given.t = (double)p->steps++ * DT;
     memcpy(p->given.value, v, sizeof p->given.value);
     (void)car_step(&p->driver, &p->given, &p->out);
+    return 1; /* commands always are numbers */
 }
 
 static int fmuSlope(const Part *p, const double *v, const double *along, double *to)

@@ -28,7 +28,8 @@ typedef struct {
 static fmi2Status say(Instance *s, fmi2Status status, const char *sentence)
 {
     if (s->callbacks->logger)
-        s->callbacks->logger(s->callbacks->componentEnvironment, s->name, status, "logStatusError", sentence);
+        s->callbacks->logger(s->callbacks->componentEnvironment, s->name, status,
+                             status == fmi2Warning ? "logStatusWarning" : "logStatusError", sentence);
     return status;
 }
 
@@ -97,8 +98,9 @@ EXPORTED fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference at[], 
 
 EXPORTED fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real length, fmi2Boolean no_way_back)
 {
+    const char *doubt, *wrong = advance(&((Instance *)c)->core, now, length, &doubt);
     (void)no_way_back;
-    return ended(c, advance(&((Instance *)c)->core, now, length));
+    return !wrong && doubt ? say(c, fmi2Warning, doubt) : ended(c, wrong);
 }
 
 EXPORTED fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference of[], size_t m,
@@ -143,28 +145,26 @@ EXPORTED fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 EXPORTED fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
     (void)c, (void)state;
-    *size = sizeof(Core);
+    *size = KEPT;
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    if (size < sizeof(Core))
+    if (size < KEPT)
         return say(c, fmi2Error, "fmi2SerializeFMUstate: too few bytes");
-    memcpy(bytes, state, sizeof(Core));
+    write_out(bytes, state);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (size != sizeof(Core))
+    if (!is_own(bytes, size))
         return say(c, fmi2Error, "fmi2DeSerializeFMUstate: these are not the bytes of a state of this FMU");
     fmi2Status status = *state ? fmi2OK : fmi2GetFMUstate(c, state);
     if (status != fmi2OK)
         return status;
-    void *whole = ((Core *)*state)->whole;
-    memcpy(*state, bytes, sizeof(Core));
-    ((Core *)*state)->whole = whole;
+    read_in(*state, bytes);
     return fmi2OK;
 }
 

@@ -22,12 +22,17 @@ typedef struct {
     fmi3LogMessageCallback log;
 } Instance;
 
-static fmi3Status ended(fmi3Instance c, const char *wrong)
+static fmi3Status said(fmi3Instance c, fmi3Status status, const char *category, const char *sentence)
 {
     Instance *s = c;
-    if (wrong && s->log)
-        s->log(s->environment, fmi3Error, "logStatusError", wrong);
-    return wrong ? fmi3Error : fmi3OK;
+    if (s->log)
+        s->log(s->environment, status, category, sentence);
+    return status;
+}
+
+static fmi3Status ended(fmi3Instance c, const char *wrong)
+{
+    return wrong ? said(c, fmi3Error, "logStatusError", wrong) : fmi3OK;
 }
 
 EXPORTED const char *fmi3GetVersion(void) { return "3.0"; }
@@ -109,10 +114,10 @@ EXPORTED fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 now, fmi3Float64 leng
                                fmi3Boolean *events, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
     Core *s = &((Instance *)c)->core;
-    const char *wrong = advance(s, now, length);
+    const char *doubt, *wrong = advance(s, now, length, &doubt);
     (void)no_way_back;
     *events = *terminate = *early = false, *last = s->time;
-    return ended(c, wrong);
+    return !wrong && doubt ? said(c, fmi3Warning, "logStatusWarning", doubt) : ended(c, wrong);
 }
 
 EXPORTED fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference of[], size_t m,
@@ -158,28 +163,26 @@ EXPORTED fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
 EXPORTED fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
 {
     (void)c, (void)state;
-    *size = sizeof(Core);
+    *size = KEPT;
     return fmi3OK;
 }
 
 EXPORTED fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    if (size < sizeof(Core))
+    if (size < KEPT)
         return ended(c, "fmi3SerializeFMUState: too few bytes");
-    memcpy(bytes, state, sizeof(Core));
+    write_out((char *)bytes, state);
     return fmi3OK;
 }
 
 EXPORTED fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (size != sizeof(Core))
+    if (!is_own((const char *)bytes, size))
         return ended(c, "fmi3DeserializeFMUState: these are not the bytes of a state of this FMU");
     fmi3Status status = *state ? fmi3OK : fmi3GetFMUState(c, state);
     if (status != fmi3OK)
         return status;
-    void *whole = ((Core *)*state)->whole;
-    memcpy(*state, bytes, sizeof(Core));
-    ((Core *)*state)->whole = whole;
+    read_in(*state, (const char *)bytes);
     return fmi3OK;
 }
 

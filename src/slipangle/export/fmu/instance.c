@@ -1,6 +1,6 @@
 /* What both versions of FMI have: REALS numbers in one array, of which those from OUTPUTS on are computed and the PARAMETERS
-   before these stay within ranges; then the time, where it HAS_TIME as a variable. `fmuStart`, `fmuOutput`, `fmuStep` and
-   `fmuSlope` stand before this. */
+   before these stay within ranges; then the time, where it HAS_TIME as a variable. `fmuStart`, `fmuOutput`, `fmuStep`, which
+   says whether it led to numbers, and `fmuSlope` stand before this. */
 
 #include <stdio.h>
 
@@ -16,9 +16,12 @@ typedef struct {
     Part part; /* first, as it may hold vectors */
     double real[REALS];
     double time;
-    int stale;   /* outputs are to be computed */
-    void *whole; /* the memory in which this lies, where its vectors may */
+    int stale;       /* outputs are to be computed */
+    void *whole;     /* the memory in which this lies, where its vectors may */
+    char said[160];  /* the last sentence with numbers */
 } Core;
+
+#define KEPT (sizeof(GUID) + sizeof(Core)) /* bytes of a state that is written out, after whose state it is */
 
 static void begin(Core *s)
 {
@@ -52,23 +55,43 @@ static const char *set(Core *s, const unsigned int *at, size_t n, const double *
             return "outputs cannot be set";
 #if PARAMETERS > 0
         unsigned int first = OUTPUTS - PARAMETERS;
-        if (at[i] >= first && !(value[i] >= LEAST[at[i] - first] && value[i] <= MOST[at[i] - first]))
-            return "the parameter is outside its range in modelDescription.xml";
+        double low = at[i] >= first ? LEAST[at[i] - first] : 0, high = at[i] >= first ? MOST[at[i] - first] : 0;
+        if (at[i] >= first && !(value[i] >= low && value[i] <= high)) {
+            snprintf(s->said, sizeof s->said, "the parameter of value reference %u is %g; expected %g to %g, as in "
+                     "modelDescription.xml: nothing was set", at[i], value[i], low, high);
+            return s->said;
+        }
 #endif
-        s->real[at[i]] = value[i];
     }
+    for (size_t i = 0; i < n; i++)
+        s->real[at[i]] = value[i];
     s->stale = 1;
     return NULL;
 }
 
-/* Steps of DT each; what is no whole number of them is refused. */
-static const char *advance(Core *s, double now, double length)
+/* Steps of DT each, all or none: what is no whole number of them, or leads to states that are no numbers, is refused. `doubt`
+   is where the step does not go on from where the one before ended. */
+static const char *advance(Core *s, double now, double length, const char **doubt)
 {
-    double steps = floor(length / DT + 0.5);
-    if (!(steps >= 1 && steps < 1e6 && fabs(length - steps * DT) <= 1e-6 * DT))
-        return "the step must be a whole number of the step size in modelDescription.xml";
+    double before[REALS], steps = floor(length / DT + 0.5);
+    *doubt = NULL;
+    if (!(steps >= 1 && steps < 1e6 && fabs(length - steps * DT) <= 1e-6 * DT)) {
+        snprintf(s->said, sizeof s->said, "the step is %g s; expected a whole number of %g s, the step size in "
+                 "modelDescription.xml", length, DT);
+        return s->said;
+    }
+    memcpy(before, s->real, sizeof before);
     for (int i = 0; i < (int)steps; i++)
-        fmuStep(&s->part, s->real);
+        if (!fmuStep(&s->part, s->real)) {
+            memcpy(s->real, before, sizeof before);
+            return "the step leads to states that are no finite numbers, so it was not taken: check inputs, states and "
+                   "parameters";
+        }
+    if (!(fabs(now - s->time) <= 0.5 * DT)) {
+        snprintf(s->said, sizeof s->said, "the step begins at %.9g s, the FMU was at %.9g s: it was taken from the state there",
+                 now, s->time);
+        *doubt = s->said;
+    }
     s->time = now + length, s->stale = 1;
     return NULL;
 }
@@ -97,5 +120,22 @@ static void keep(Core *to, const Core *from)
 {
     void *whole = to->whole;
     *to = *from;
+    to->whole = whole;
+}
+
+static void write_out(char *bytes, const Core *from)
+{
+    const void *nowhere = NULL;
+    memcpy(bytes, GUID, sizeof(GUID));
+    memcpy(bytes + sizeof(GUID), from, sizeof *from);
+    memcpy(bytes + sizeof(GUID) + offsetof(Core, whole), &nowhere, sizeof nowhere);
+}
+
+static int is_own(const char *bytes, size_t size) { return size == KEPT && memcmp(bytes, GUID, sizeof(GUID)) == 0; }
+
+static void read_in(Core *to, const char *bytes)
+{
+    void *whole = to->whole;
+    memcpy(to, bytes + sizeof(GUID), sizeof *to);
     to->whole = whole;
 }

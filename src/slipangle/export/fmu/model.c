@@ -11,12 +11,16 @@ static void fmuOutput(Part *p, double *v)
     outputOf(v, v + OUTPUTS);
 }
 
-static void fmuStep(Part *p, double *v)
+static int fmuStep(Part *p, double *v)
 {
     double next[STATES] = {0};
+    int finite = 1;
     (void)p;
     stepOf(v, next);
     memcpy(v, next, sizeof next);
+    for (int i = 0; i < STATES; i++)
+        finite &= next[i] - next[i] == 0;
+    return finite;
 }
 
 static int fmuSlope(const Part *p, const double *v, const double *along, double *to)

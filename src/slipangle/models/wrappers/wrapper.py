@@ -15,6 +15,7 @@ class Wrapper(Model):
     outputs = taken("model.outputs")
     states = taken("model.states")
     memory = taken("model.memory")
+    quantities = taken("model.quantities")
 
     @derived
     def alternatives(self) -> tuple[Model, ...]:

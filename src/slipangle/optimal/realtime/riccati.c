@@ -267,7 +267,7 @@ INLINE void pull_stage(const Work *s, int i, V *bent, V *forces)
         for (int b = 0; b < ZV; b++)
             bent[b] += w * r->E[AT(i * NE + k) + b];
     }
-    for (int row = r->first[i]; row < r->first[i + 1]; row++) {
+    for (int row = r->first[i]; N_LIMITS > 0 && row < r->first[i + 1]; row++) {
         double w = r->after[QN + QR + row];
         for (int b = 0; w != 0 && b < ZV; b++)
             forces[b] += w * r->L[AT(row) + b];

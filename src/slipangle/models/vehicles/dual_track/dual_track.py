@@ -10,10 +10,12 @@ numbered 0 to 3: front left, front right, rear left, rear right.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 
+from slipangle.data.channels import Quantity
 from slipangle.errors import ParameterError
 from slipangle.models.fast import evaluate
 from slipangle.models.tires.simple import Tire
@@ -38,6 +40,17 @@ STATES = (
     *("delta_w", "delta_c", "T_e", "T_bf", "T_br", "gear", "distance"),
 )
 _AT = {name: i for i, name in enumerate(STATES)}
+QUANTITIES = MappingProxyType(
+    {
+        "throttle": Quantity("-", "throttle, 0 to 1; below zero, to -1, it drives backwards"),
+        "brake": Quantity("-", "brake pedal, 0 to 1"),
+        "phi": Quantity("rad", "roll of the body, positive right side down"),
+        "theta": Quantity("rad", "pitch of the body, positive nose down"),
+        "gear": Quantity("-", "gear, 1 the first"),
+        "distance": Quantity("m", "distance travelled along the car's x"),
+        "engine_speed": Quantity("rad/s", "speed of the engine"),
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +85,7 @@ class DualTrack(StartsRolling):
 
     states = STATES
     inputs = ("delta", "throttle", "brake")
+    quantities = QUANTITIES
     max_step: ClassVar[float] = 0.001
     params: DualTrackParams
     tire_f: Tire
