@@ -205,7 +205,7 @@ WARNS = {
     "identify/excitation.py": (1, ("hold the same samples, which then count twice",)),
     "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),
     "identify/networks/estimator.py": (1, ("training diverged before epoch", "training starts from random weights")),
-    "identify/networks/joint.py": (1, ("never improved on the physics it started from",)),
+    "identify/networks/joint_problem.py": (1, ("never improved on the physics it started from",)),
     "identify/networks/narx_free_run.py": (1, ("no free run on the held-out part stayed finite",)),
     "identify/physics/grey_box.py": (
         1,

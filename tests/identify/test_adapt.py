@@ -17,10 +17,11 @@ from slipangle.errors import (
     SimulationError,
     TooShortError,
 )
-from slipangle.identify.adapt import Adapt
+from slipangle.identify.adapt import Adapt, scaled
 from slipangle.identify.judge.intervals import calibrate
 from slipangle.identify.judge.validate import score, validate
 from slipangle.identify.physics.grey_box import GreyBox
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.storage import load, save
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
@@ -84,6 +85,38 @@ def test_offset_gain_lag_and_bias_come_back_with_their_doubt(adapted, other):
     before, after = (score(m.simulate(rest), "r").rmse for m in (CAR, adapted))
     least = np.std(rest["r"] - changed(drive(seed=2))["r"][600:])  # the noise
     assert after < 1.05 * least < 0.3 * before
+
+
+def test_intervals_hold_the_sensors_of_a_car_whose_tires_and_load_changed_too():
+    """Gain and lag of the steering on cars up to 15 % stiffer and softer per axle, up to 12 % heavier."""
+    inside = {"another": [], "the same": []}
+    for seed in range(12):
+        rng = np.random.default_rng([11, seed])
+        C_f, C_r, mass, inertia = 1 + rng.uniform(-0.15, 0.15, 4) * [1, 1, 0.5, 0.5] + np.array([0, 0, 0.05, 0.05])
+        given = {"C_f": C_f, "C_r": C_r, "mass": mass, "inertia_z": inertia}
+        other = replace(CAR, params=CAR.params.with_values(**{n: k * getattr(CAR.params, n) for n, k in given.items()}))
+        truth = {"gain_delta": 0.05 * rng.standard_normal(), "lag_delta": 0.04 * abs(rng.standard_normal())}
+        sensors = OffsetModel(model=other, gains={"delta": 1 + truth["gain_delta"]}, lags={"delta": truth["lag_delta"]})
+        data = drive(620, seed=60 + seed)
+        data = with_noise(data.with_channel("r", sensors.simulate(data).channel("r"), "rad/s"), 0.004, seed)
+        for name, settings in (("another", Adapt()), ("the same", Adapt(car=()))):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                info = settings.fit(CAR, data).fit_info
+            ends = dict(zip(info.names, info.interval(0.95), strict=True))
+            inside[name] += [low <= truth[n] <= high for n, (low, high) in ends.items() if n in truth]
+    assert np.mean(inside["another"]) >= 0.9
+    assert np.mean(inside["the same"]) < 0.5  # what a user says who knows that it is
+
+
+def test_parameters_are_scaled_wherever_the_physics_stands():
+    other = replace(CAR, params=CAR.params.with_values(C_f=1.1 * CAR.params.C_f), fit_info=None)
+    assert scaled(CAR, "C_f", 1.1) == other
+    assert scaled(OffsetModel(model=CAR, gains={"delta": 1.1}), "C_f", 1.1).model == other
+    assert scaled(EnsembleModel(members=(CAR, CAR)), "C_f", 1.1).members == (other, other)
+    assert scaled(CAR, "mu_f", 1.1) is None
+    black = ARXModel(A=[-0.9], B=[0.2], dt=DT, inputs=("delta",), outputs=("r",))
+    assert scaled(black, "C_f", 1.1) is None
 
 
 def test_what_comes_after_the_first_seconds_is_not_looked_at(adapted, other):

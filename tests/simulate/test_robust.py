@@ -13,6 +13,7 @@ from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
 from slipangle.models.wrappers.on_ground import OnGround
@@ -24,6 +25,7 @@ from slipangle.simulate.perturbed import Fleet, Spread
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.robust import Trial, cause, try_on
 from slipangle.simulate.trials import Trials
+from slipangle.workflow.drive import unmoved
 from slipangle.workflow.robustness import sentence
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -215,6 +217,19 @@ def test_what_the_cars_have_not_stays_zero_and_is_said():
     assert plain.lacking == ""
     exact = [try_on(trial(around=w), [0], changes=changes[:1]) for w in (lambda car: car, aided)]
     assert exact[0].results == pytest.approx(exact[1].results, abs=1e-6)
+
+
+def test_a_controller_that_knows_load_transfer_is_tried_too():
+    """Its v_x_dot is that of the path ahead, and zero until now: it drives as in the ordinary loop."""
+    known = {n: getattr(CAR, n) for n in ("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r")}
+    limit = NonlinearBicycle(params=NonlinearBicycleParams(**known), dt=0.05, substeps=3, outputs=("v_y", "r"))
+    wanted = trial(v_x=14.0, around=lambda car: limit)
+    ours = try_on(wanted, [0], changes=np.zeros((1, len(NAMES))))
+    plant = Plant(OnGround(Bicycle(params=limit.params.bicycle, dt=0.001, outputs=("v_y", "r"))))
+    run = closed_loop(plant, wanted.controller, wanted.path, held=unmoved(plant, wanted.controller))
+    assert ours.column("finished")[0] == run.inside == 1
+    assert ours.column("e_y")[0] == pytest.approx(run.max("y"), abs=0.03)
+    assert ours.without == ()
 
 
 def test_a_driver_of_such_a_car_is_tried_too():

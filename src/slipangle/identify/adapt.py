@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -23,6 +23,7 @@ from slipangle.models.wrappers.hybrid import OffsetModel
 _HALVINGS = 4  # of a step that does not lower the cost
 _CLOSE = 1e-2  # over the prior's width, of a step that ends the search
 _ASTRAY = 1e4  # over the scatter of an output, of errors that no sensor explains
+_CHANGE = 0.02  # of a parameter of the car, by which the error's derivative is taken
 _UNITS = {"gain": "-", "lag": "s"}
 
 
@@ -43,6 +44,10 @@ class Adapt(Checked):
     long, as over those: half a minute at one speed may leave a steady error that is small for the model, and yet looks
     like an offset beside what little scatters around it.
 
+    Intervals of the corrections bear that the car changed too, of models that know its parameters: they are as wide as
+    its parameters, each ``car_prior`` open, leave the corrections, and reach to where these would be if they were
+    estimated along. What a black box lacks of another car stands in no interval.
+
     Parameters
     ----------
     inputs, gains, lags : tuple of str
@@ -58,6 +63,10 @@ class Adapt(Checked):
         Standard deviation of the prior of a gain around 1. [-]
     lag_prior : float
         Standard deviation of the prior of a lag around 0. [s]
+    car : tuple of str
+        Parameters of the car that may have changed too, where the model has them; none says that it is the same.
+    car_prior : float
+        Standard deviation of their relative change. [-]
     folds : int
         Blocks of the test whether it helps; 0 trusts it.
     level : float
@@ -77,6 +86,8 @@ class Adapt(Checked):
     bias_prior: Positive = 0.02
     gain_prior: Positive = 0.05
     lag_prior: Positive = 0.02
+    car: tuple[str, ...] = ("mass", "inertia_z", "C_f", "C_r", "mu_f", "mu_r")
+    car_prior: Positive = 0.1
     folds: Whole = 8
     level: Annotated[float, Within(0, 0.5, open="low", example="0.025")] = 0.025
     worth: Annotated[float, Within(0, 1, open="high", example="0.05")] = 0.05
@@ -119,13 +130,13 @@ class Adapt(Checked):
         info = FitInfo(
             names=session.names,
             values=theta,
-            covariance=found.covariance,
+            covariance=found.covariance + session.by_the_car(optimum, found.mean),
             noise_std=np.std(optimum.at(theta), axis=0),
             n_samples=session.n,
             units=session.units,
             seconds=time.perf_counter() - began,
             method=f"free-run error over {self.seconds:g} s of another session, Gauss-Newton, then the mean over which "
-            "kinds of corrections there are; covariance for coloured residuals, given the priors",
+            "kinds of corrections there are; covariance for coloured residuals, given the priors, also of the car",
             warnings=notes,
             **provenance(session.data, model.outputs),
         )
@@ -273,12 +284,15 @@ class _Session:
             outputs_at_zero=given["bias"],
         )
 
-    def error(self, theta: np.ndarray) -> np.ndarray:
-        """Free-run error at the predicted samples, shape (n, n_outputs); infinite where the run breaks down."""
+    def error(self, theta: np.ndarray, model: Model | None = None) -> np.ndarray:
+        """Free-run error at the predicted samples, shape (n, n_outputs); infinite where the run breaks down.
+
+        Of the model, or of another one behind the same sensors.
+        """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             try:
-                return self.model.simulate(self.sensors(theta).behind(self.data)).error[self.predicted]
+                return (model or self.model).simulate(self.sensors(theta).behind(self.data)).error[self.predicted]
             except SimulationError:
                 return np.full((self.n, self.model.n_outputs), np.inf)
 
@@ -308,6 +322,25 @@ class _Session:
                 break
         return self.at(theta, error)
 
+    def by_the_car(self, optimum: _Optimum, mean: np.ndarray) -> np.ndarray:
+        """What another car leaves open of the corrections, over their covariance for this one, shape (n, n).
+
+        Its parameters estimated along make them uncertain, and move them by what the session shows of another car.
+        """
+        others = [model for name in self.settings.car if (model := scaled(self.model, name, 1 - _CHANGE)) is not None]
+        error, n = self.error(optimum.theta), len(mean)
+        moves = [(error - self.error(optimum.theta, other)) / _CHANGE for other in others]
+        moves = [move for move in moves if np.all(np.isfinite(move))]
+        if not moves:
+            return np.zeros((n, n))
+        j = np.concatenate([optimum.jacobian, moves])
+        width = np.append(max(SCALES) * self.width, np.full(len(moves), self.settings.car_prior))
+        hessian = np.einsum("anm,bnm,m->ab", j, j, optimum.weight) + np.diag(width**-2.0)
+        pull = -np.einsum("anm,nm,m->a", j, optimum.at(np.zeros(n)), optimum.weight)
+        along, alone = np.linalg.inv(hessian), np.linalg.inv(hessian[:n, :n])
+        moved = (along @ pull)[:n] - mean
+        return along[:n, :n] - alone + np.outer(moved, moved)
+
     def _check(self, error: np.ndarray) -> None:
         """Nothing can be read from a run that goes astray."""
         largest = np.max(np.abs(error), axis=0)
@@ -332,3 +365,18 @@ class _Session:
         """Information of a sample, per output: over its variance, and as far as it is independent of those before."""
         variance = np.maximum(np.mean(error**2, axis=0), (1e-6 * self.size) ** 2)
         return np.array([effective_samples(e) for e in error.T]) / len(error) / variance
+
+
+def scaled(model: Model, name: str, by: float) -> Model | None:
+    """The model, whatever stands around the physics in it, with one parameter scaled; None if there is none."""
+    if name in getattr(model, "parameter_names", ()):
+        physics: Any = model
+        return physics.with_values(**{name: by * physics.value(name)})
+    changed = {}
+    for part in fields(model) if is_dataclass(model) else ():
+        value = getattr(model, part.name)
+        several = isinstance(value, tuple) and any(isinstance(v, Model) for v in value)
+        new = [scaled(v, name, by) if isinstance(v, Model) else None for v in (value if several else (value,))]
+        if all(v is not None for v in new):
+            changed[part.name] = tuple(new) if several else new[0]
+    return replace(model, **changed) if changed else None  # type: ignore[type-var]

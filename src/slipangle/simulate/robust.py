@@ -29,7 +29,7 @@ from slipangle.simulate.trials import COLUMNS, Trials
 
 STEP = 0.001  # s, of the plant
 EVERY = 10  # steps between samples of the record
-AHEAD = ("v_x_dot",)  # what the path says of the time to come
+AHEAD = ("v_x_dot",)  # what the path says of the time to come; until now it is zero, as nobody measures it
 UNMOVED = ("delta_r", "M_z", "bank")  # inputs of a model that these cars have not, which they measure as zero
 
 
@@ -80,9 +80,9 @@ class Trial:
         seen = ("X", "Y", "psi", "v_x", "v_y", "r", "a_y")
         if controls != ("delta",):
             raise ParameterError(f"the controller decides {list(controls)}; expected delta alone: the speed is held")
-        known = (*seen, *UNMOVED, *(AHEAD if self.planner is not self.controller else ()))
+        known = (*seen, *UNMOVED, *AHEAD)
         require_names((*model.outputs, *self.planner.exogenous), known, "the controller", "use what is measured")
-        require_names(model.inputs, ("delta", "v_x", *UNMOVED), "the controller's model", "use these inputs")
+        require_names(model.inputs, ("delta", "v_x", *UNMOVED, *AHEAD), "the controller's model", "use these inputs")
         require_names(self.noise, seen, "noise", "use what is measured")
         if self.path.v_x is None:
             raise ParameterError(f"'{self.path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
@@ -178,7 +178,8 @@ class _Race:
         lag = trial.lag + column["lag"]
         self.share = np.where(lag > 0, -np.expm1(-STEP / np.maximum(lag, 1e-9)), 1.0)
         self.actuator, self.past = np.zeros(n), np.zeros((int(self.late.max(initial=0)), n))
-        self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs, *trial.without)))
+        still = (*trial.without, *(name for name in AHEAD if name in model.inputs))
+        self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs, *still)))
         self.given = {name: 0.0 for name in trial.without if name in self.controller.exogenous}
         self.a_y = np.zeros(n)  # m/s2, in the plant's last step
         self.noise = np.array([trial.noise.get(n, 0.0) for n in self.seen]) * (1 + column["noise"])[:, None]

@@ -31,7 +31,7 @@ from slipangle.simulate.foreign import PlantProtocol
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.process import PlantProcess
-from slipangle.simulate.robust import UNMOVED
+from slipangle.simulate.robust import AHEAD, UNMOVED
 from slipangle.simulate.run import Run
 from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
 from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path, require_no_law
@@ -139,8 +139,12 @@ def drive(
 
 
 def unmoved(plant: Plant, controller: Any) -> Values:
-    """Zero for what a plant has not of a controller's steered rear wheels, torque vectoring and road."""
-    return Values(dict.fromkeys((n for n in controller.exogenous if n in _UNMOVED and n not in plant.channels), 0.0))
+    """Zero for what a plant has not of a controller's steered rear wheels, torque vectoring and road, or v_x_dot.
+
+    Of that the controller looks ahead along the path; only what has been is taken for driven at constant speed.
+    """
+    known = (*_UNMOVED, *AHEAD)
+    return Values(dict.fromkeys((n for n in controller.exogenous if n in known and n not in plant.channels), 0.0))
 
 
 def _unmoved_said(plant: Plant, model: Model) -> str:

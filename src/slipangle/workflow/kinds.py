@@ -177,10 +177,11 @@ KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURA
 KINDS.register("car")(WholeCar)
 _BLACK: tuple[Any, ...] = (
     *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, TransferFunction, RLS, Subspace, PEM),
-    *(StateSpace, Lure, NARX, FreeRunNARX, Hybrid, Joint),
+    *(StateSpace, Lure, NARX, FreeRunNARX, Hybrid),
 )
 for _estimator in _BLACK:
     KINDS.register(called(_estimator))(_estimator)
+KINDS.register("joint")(Joint)
 KINDS.register("neural-state-space")(NeuralStateSpace)
 CARLESS = (*_BLACK, NeuralStateSpace)  # kinds whose models hold no mass, geometry and cornering stiffness
 KINDS.register("tire-bicycle")(TireBicycleFit)

@@ -68,3 +68,16 @@ def test_the_derivative_of_a_piece_of_one_sample_is_nothing():
     ramp = Dataset.from_arrays({"v_x": 20 + 0.3 * np.arange(9)}, {"r": np.zeros(9)}, 0.1)
     pieces = join(ramp, ramp.rows(4, 5), ramp.rows(0, 2))
     np.testing.assert_allclose(with_speed_derivative(pieces)["v_x_dot"], [*[3.0] * 9, 0.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize("compliance", [0.0, 4e-6])
+def test_its_linear_bicycle_turns_as_it_does_at_small_angles(compliance):
+    """Steady state at 20 m/s with a little steering; the front axle is as soft as the steering that gives makes it."""
+    params = PARAMS.with_values(compliance=compliance, transfer_x=0.0, steering_gain=0.5, steering_offset=0.01)
+    v, delta, x = 20.0, 0.0104, np.zeros(3)
+    model = NonlinearBicycle(params=params, dt=0.02, substeps=2)
+    for _ in range(400):
+        x = model.step(x, np.array([delta, v, -params.drag * v * v / params.mass]))
+    p = params.bicycle
+    understeer = p.mass / p.wheelbase * (p.l_r / p.C_f - p.l_f / p.C_r)
+    assert x[1] == pytest.approx(v * 0.5 * (delta - 0.01) / (p.wheelbase + understeer * v**2), rel=2e-3)

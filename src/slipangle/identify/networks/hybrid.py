@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.presets import SOUSA_TABLE_8_2
 from slipangle.identify.networks.training import Progress, require_jax
-from slipangle.identify.networks.unlike import split_unlike
+from slipangle.identify.networks.unlike import Proof, proved
 from slipangle.identify.physics.at_the_limit import KnownCar
 from slipangle.models.model import Model
 from slipangle.models.provenance import provenance
@@ -81,17 +80,9 @@ class Hybrid(KnownCar):
         notes = () if self.base is not None or base.fit_info is None else base.fit_info.warnings
         gain = 1.0
         if self.folds:
-            before, after = self._proof(left, inputs, _manoeuvre(base, left, data))
-            reduction = 1 - np.sqrt(np.sum(after**2) / np.sum(before**2))
-            if np.any(after >= before) or reduction < self.worth:
-                gain = 0.0
-                unlike, every = 100 * (after[0] / before[0] - 1), -100 * reduction
-                notes = (
-                    *notes,
-                    f"the discrepancy is off: on manoeuvres unlike those it was trained on it changed the RMSE by "
-                    f"{unlike:+.1f} %, on all unseen parts by {every:+.1f} %; expected at least "
-                    f"{-100 * self.worth:.0f} % and none worse: the base model is better alone",
-                )
+            doubt = self._proof(left, inputs, _manoeuvre(base, data)).doubt(self.worth)
+            if doubt:
+                gain, notes = 0.0, (*notes, f"the discrepancy is off: {doubt}: the base model is better alone")
         network = self.discrepancy.fit(left.select(inputs=inputs), progress=progress)
         model = HybridModel(base=base, discrepancy=network, gain=gain)
         info: Any = network.fit_info
@@ -108,23 +99,19 @@ class Hybrid(KnownCar):
             ),
         )
 
-    def _proof(self, left: Dataset, inputs: Sequence[str], signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """RMSE of each unseen part without and with the discrepancy, the unlike manoeuvres first."""
+    def _proof(self, left: Dataset, inputs: Sequence[str], signals: np.ndarray) -> Proof:
+        """Of the discrepancy, beside none, over parts of the remainder that its network has not seen."""
         chosen = left.select(inputs=inputs)
-        rows = np.round(np.linspace(0.5, 1.0, self.folds) * left.n_samples).astype(int)
         network = self.discrepancy if isinstance(self.discrepancy, NARX) else self.discrepancy.start
         na, nb, nk = (n if isinstance(n, int) else _LAGS for n in (network.na, network.nb, network.nk))
         shortest = 4 * max(na, nb + nk) + 2 * max(stage.horizon for stage in network.stages)
-        parts = [split_unlike(chosen, signals, shortest)]
-        parts += [(chosen.rows(0, a), chosen.rows(a, b)) for a, b in pairwise(rows.tolist())]
         size = np.std(chosen.y, axis=0)
-        before, after = [], []
-        for seen, unseen in parts:
+
+        def errors(seen: Dataset, unseen: Dataset) -> tuple[np.ndarray, np.ndarray]:
             run = self.discrepancy.fit(seen).simulate(unseen)
-            measured, error = run.measured[run.predicted], run.error[run.predicted]
-            before.append(np.sqrt(np.mean((measured / size) ** 2)))
-            after.append(np.sqrt(np.mean((error / size) ** 2)))
-        return np.array(before), np.array(after)
+            return run.measured[run.predicted] / size, run.error[run.predicted] / size
+
+        return proved(chosen, signals, shortest, self.folds, errors)
 
 
 def remainder(base: Model, data: Dataset) -> Dataset:
@@ -137,7 +124,7 @@ def remainder(base: Model, data: Dataset) -> Dataset:
     return left if m == 1 else _without_heads(left, m - 1)  # the samples a run starts from have no error
 
 
-def _manoeuvre(base: Model, left: Dataset, data: Dataset) -> np.ndarray:
+def _manoeuvre(base: Model, data: Dataset) -> np.ndarray:
     """What tells manoeuvres apart, at the samples of the remainder: measured, not what is left of it."""
     seen = data if base.memory == 1 else _without_heads(data, base.memory - 1)
     if "v_x" in seen and "r" in seen:

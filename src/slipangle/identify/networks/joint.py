@@ -1,41 +1,35 @@
 """Physics and a network on its state derivative, fitted together to the whole free run."""
 
-# Long: one estimator with its settings, its regression and the scales of both.
 from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, require_dataset
-from slipangle.errors import ModelWarning, ParameterError
-from slipangle.fields import Count, NotNegative, Positive, Seed
+from slipangle.errors import ModelWarning, ParameterError, SimulationError
+from slipangle.fields import Count, NotNegative, Positive, Seed, Whole, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
-from slipangle.identify.networks.runs import PaddedRuns, side_by_side
+from slipangle.identify.networks.joint_problem import JointProblem
 from slipangle.identify.networks.training import Holdout, Progress, require_jax
+from slipangle.identify.networks.unlike import proved
 from slipangle.identify.physics.at_the_limit import KnownCar, require_channels
-from slipangle.models.black_box.networks import MLP, Activation, Scaling
-from slipangle.models.model import FitInfo, Trial
+from slipangle.models.black_box.networks import Activation
 from slipangle.models.provenance import provenance
-from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
+from slipangle.models.vehicles.neural_bicycle import NeuralBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.wrappers.ensemble import EnsembleModel
-from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
 
 FREE = (
     *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "bias_r", "l_f"),
     *("transfer_x", "friction_load", "stiffness_load", "E_f", "E_r", "brake_rear", "compliance"),
     *("transfer_f", "transfer_r"),
 )
-_REACH = 5.0, 2.4  # size of the network's outputs, of the second over the wheelbase [m/s2]
-_LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
-_EASY = 0.25  # share of the steps over which starts come to be thrown off as far as set
-_PATIENCE = 5  # steps without progress in a row after which a fit ends
-_MARGIN = 1.2  # how far beyond the training data the state may go
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +77,11 @@ class Joint(KnownCar):
         Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
     seeds : tuple of int
         One run each.
+    folds : int
+        Parts of the training data on which each seed's network has to prove itself; 0 trusts it unseen, in half the
+        time.
+    worth : float
+        Smallest relative reduction of the RMSE over all these parts. [-]
 
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
     """
@@ -102,6 +101,8 @@ class Joint(KnownCar):
     max_iterations: Count = 80
     holdout: Holdout = 0.0
     seeds: tuple[Seed, ...] = (0,)
+    folds: Whole = 1
+    worth: Annotated[float, Within(0, 1, open="high", example="0.02")] = 0.02
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,18 +115,24 @@ class Joint(KnownCar):
             )
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralBicycle:
-        """The model of the seed with the smallest error (on the held-out part, if there is one)."""
-        models = self.fit_all(data, progress=progress)
-        return min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
+        """The model of the seed with the smallest error (on the held-out part, if there is one).
+
+        Of those whose network is on, if there are any.
+        """
+        return min(_on(self.fit_all(data, progress=progress)), key=_score)
 
     def fit_ensemble(self, data: Dataset, *, progress: Progress | None = None) -> EnsembleModel:
-        """The models of all seeds as one."""
+        """The models of all seeds whose network is on as one; the physics alone if there is none."""
         models = self.fit_all(data, progress=progress)
         infos = [m.fit_info for m in models if m.fit_info is not None]
+        shown: Any = _on(models)[0].fit_info
         info = replace(
-            infos[0], seconds=sum(i.seconds for i in infos), trials=tuple(t for i in infos for t in i.trials)
+            shown,
+            seconds=sum(i.seconds for i in infos),
+            trials=tuple(t for i in infos for t in i.trials),
+            warnings=tuple(dict.fromkeys(said for i in infos for said in i.warnings)),
         )
-        return EnsembleModel(members=models, fit_info=info)
+        return EnsembleModel(members=_on(models), fit_info=info)
 
     def fit_all(self, data: Dataset, *, progress: Progress | None = None) -> tuple[NeuralBicycle, ...]:
         """One model per seed.
@@ -146,217 +153,95 @@ class Joint(KnownCar):
         chosen = data.select(inputs=start.inputs, outputs=(*start.outputs, *names))
         start.check(chosen)
         require_identifiable(chosen, len(self.free), scheduling=("v_x", "v_x_dot"))
-        inner, held = (chosen, None) if self.holdout == 0 else chosen.split(1 - self.holdout)
-        lead = 0
-        if self.restart is not None:
-            lead = round(self.settle / data.dt)
-            inner = restarted(inner, self.restart, start.memory + lead)
         from slipangle.identify.networks import adam
 
-        models = []
+        models, told = [], _Told(progress, len(self.seeds) * (1 + self.folds))
         with adam.precision("double"):
-            fit = _Fit(self, start, inner, held, lead=lead)
-            for i, seed in enumerate(self.seeds):
-                told = _share(progress, i, len(self.seeds))
-                models.append(fit.run(seed, data, time.perf_counter() - began, told))
+            judged = self._judged(start, chosen, np.column_stack([data["v_x"], data["v_x"] * data["r"]]), told)
+            problem = None
+            for seed, alone in zip(self.seeds, judged, strict=True):
+                spent, told.what = time.perf_counter() - began, f"seed {seed}"
+                if alone is None:
+                    problem = self._problem(start, chosen) if problem is None else problem
+                    models.append(problem.run(seed, data, spent, told))
+                else:
+                    info: Any = alone.fit_info
+                    models.append(replace(alone, fit_info=replace(info, seconds=spent, **provenance(data))))
+                told.part += 1
                 began = time.perf_counter()
         return tuple(models)
 
+    def _problem(self, start: NonlinearBicycle, data: Dataset) -> JointProblem:
+        """What is solved over data."""
+        inner, held = (data, None) if self.holdout == 0 else data.split(1 - self.holdout)
+        if self.restart is not None:
+            inner = restarted(inner, self.restart, start.memory + self._lead(data))
+        return JointProblem(self, start, inner, held, lead=0 if self.restart is None else self._lead(data))
 
-def _share(progress: Progress | None, i: int, n: int) -> Any:
-    if progress is None:
-        return lambda share, error: None
-    return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
+    def _lead(self, data: Dataset) -> int:
+        """Samples after which a run counts."""
+        return round(self.settle / data.dt)
 
+    # ---- whether the network helps -------------------------------------------------------------------------------
 
-class _Fit:
-    """The least-squares problem, compiled once for all seeds."""
+    def _judged(
+        self, start: NonlinearBicycle, data: Dataset, signals: np.ndarray, told: _Told
+    ) -> list[NeuralBicycle | None]:
+        """For each seed, the physics alone where its network does not prove itself."""
+        if not self.folds:
+            return [None for _ in self.seeds]
+        size, problems = np.std(data.columns(start.outputs), axis=0), []
+        shortest = start.memory + self._lead(data) + round((self.restart or 0.0) / data.dt)
 
-    def __init__(
-        self, settings: Joint, start: NonlinearBicycle, inner: Dataset, held: Dataset | None, *, lead: int
-    ) -> None:
-        from slipangle.identify.networks.unrolled import Unrolled
+        def judged(seed: int) -> NeuralBicycle | None:
+            tried: list[NeuralBicycle] = []
 
-        self.settings, self.physics, self.inner, self.held, self.share = settings, start, inner, held, 1.0
-        self.n_judged = len(start.outputs)
-        s, outputs = settings, inner.outputs
-        lag = max(start.params.steering_lag, _LEAST_LAG)
-        params: Any = start.params.with_values(steering_lag=lag)
-        size = np.std(self.inner.y, axis=0)
-        most_v_y, most_r = self._bounds()
-        self.template = self.kind(
-            params=params,
-            dt=start.dt,
-            outputs=outputs,
-            substeps=max(1, round(start.dt / 0.025)),
-            memory=start.memory,
-            network=self.network(0),
-            most_v_y=most_v_y,
-            most_r=most_r,
-        )
-        self.scale = np.array([_unit(params, name) for name in s.free])
-        self.unrolled = Unrolled(self.template, s.free, self.scale, size)
-        self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
-        memory, most = start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
-        self.fitted = side_by_side(self.inner, memory, self.weights, lead=lead, away=s.thrown_off * most)
-        self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
-        centre = self.unrolled.pack(self.network(0))
-        n, ny = len(s.free), len(outputs)
-        self.lower, self.upper = np.full(len(centre), -np.inf), np.full(len(centre), np.inf)
-        for i, name in enumerate(s.free):
-            least = _LEAST_LAG if name == "steering_lag" else params.si(name).lower
-            self.lower[i], self.upper[i] = least / self.scale[i], params.si(name).upper / self.scale[i]
-        self.precision = np.concatenate(
-            [np.full(n, s.parameter_prior), np.full(len(centre) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
-        )
-        self.precision[len(centre) - ny : len(centre) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
-        self.centre = np.concatenate([centre[:n], np.zeros(len(centre) - n)])
+            def errors(seen: Dataset, unseen: Dataset) -> tuple[np.ndarray, np.ndarray]:
+                if len(tried) == len(problems):  # compiled once for all seeds
+                    problems.append(self._problem(start, seen))
+                told.what = f"seed {seed}, without what it is judged on"
+                tried.append(problems[len(tried)].run(seed, seen, 0.0, told))
+                told.part += 1
+                before, after = (_errors(model, unseen) / size for model in (start, tried[-1]))
+                return before, after
 
-    def _bounds(self) -> tuple[float, float]:
-        """Bounds of the state: from what was measured, else from the physics' own free run."""
-        data, names = self.inner, ("v_y", "r")
-        missing = [name for name in names if name not in data]
-        if missing:
-            for name in missing:
-                data = data.with_channel(name, np.zeros(data.n_samples))
-            run = replace(self.physics, outputs=names).simulate(data.select(outputs=names))
-            for name in missing:
-                data = data.with_channel(name, run.y[:, names.index(name)])
-        return _MARGIN * float(np.abs(data["v_y"]).max()), _MARGIN * float(np.abs(data["r"]).max())
+            doubt = proved(data, signals, shortest, self.folds, errors).doubt(self.worth)
+            if not doubt:
+                return None
+            return problems[0].alone(tried[0], f"the network is off: {doubt}: the physics is better alone")
 
-    @property
-    def kind(self) -> type[NeuralBicycle]:
-        """Class of the model."""
-        return TireNetworkBicycle if self.settings.corrects == "tires" else NeuralBicycle
-
-    def network(self, seed: int) -> MLP:
-        """Random hidden layers, no output."""
-        s, data = self.settings, self.inner
-        size = [_REACH[0], _REACH[1] / float(self.physics.params.wheelbase)]
-        size = size if s.corrects == "derivative" else [1.0] * self.kind.network_outputs[0]
-        v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
-        factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
-        offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]
-        factor += [factor[2], float(np.std(data["v_x"])) + 0.1, float(np.std(data["v_x_dot"])) + 0.1]
-        net = MLP.random(
-            (6, *s.hidden, len(size)),
-            activation=s.activation,
-            seed=seed,
-            input_scaling=Scaling(offset=np.array(offset), factor=np.array(factor)),
-            output_scaling=Scaling(offset=np.zeros(len(size)), factor=np.array(size)),
-        )
-        return replace(net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]))
-
-    # ---- free runs as a least-squares problem ------------------------------------------------------------------
-
-    def starts(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
-        """States that the runs start from, thrown off by as much as the fit has come to."""
-        return self.unrolled.starts(theta, runs.heads, self.physics.outputs) + self.share * runs.away
-
-    def error(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
-        """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
-        y = self.unrolled.outputs(theta, self.starts(theta, runs), runs.u)
-        return (np.asarray(y) - runs.y) * runs.weight
-
-    def judged(self, theta: np.ndarray) -> float:
-        """RMSE of the model's outputs over their standard deviation, free runs."""
-        runs, k = self.judge, self.n_judged
-        counts = runs.weight[:, :, 0] > 0
-        size = np.std(runs.y[counts][:, :k], axis=0) * self.weights[:k]
-        return float(np.sqrt(np.mean((self.error(theta, runs)[counts][:, :k] / size) ** 2)))
-
-    def cost(self, theta: np.ndarray) -> float:
-        """Mean squared weighted error and priors."""
-        e = self.error(theta, self.fitted)
-        return float(np.sum(e * e)) / self.fitted.n_counting + float(self.precision @ (theta - self.centre) ** 2)
-
-    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss-Newton matrix and half the gradient, per sample."""
-        runs = self.fitted
-        y, j = self.unrolled.derivatives(theta, self.starts(theta, runs), runs.u)
-        e = ((np.asarray(y) - runs.y) * runs.weight).ravel()
-        j = (np.asarray(j) * runs.weight[..., None]).reshape(-1, len(theta))
-        hessian, gradient = j.T @ j / runs.n_counting, j.T @ e / runs.n_counting
-        return hessian + np.diag(self.precision), gradient + self.precision * (theta - self.centre)
-
-    def search(self) -> LevenbergMarquardt:
-        """Steps within the bounds of the parameters."""
-
-        def linearise(theta: np.ndarray) -> Factors:
-            return *cholesky(*self.linearised(theta)), None
-
-        return LevenbergMarquardt(
-            cost=self.cost,
-            linearise=linearise,
-            move=lambda theta, _, eta: np.clip(theta + eta, self.lower, self.upper),
-            room=lambda theta: (self.lower - theta, self.upper - theta),
-            steady=True,
-        )
-
-    def run(self, seed: int, data: Dataset, spent: float, told: Any) -> NeuralBicycle:
-        """Levenberg-Marquardt from one seed."""
-        began, s = time.perf_counter(), self.settings
-        theta = self.unrolled.pack(self.network(seed))
-        self.share, search = 1.0, self.search()
-        cost = self.cost(theta)
-        best, score = theta, self.judged(theta)
-        curve, epoch, k, flat = [(0, score)], 0, 0, 0
-        for k in range(1, s.max_iterations + 1):
-            share = min(1.0, (k - 1) / (_EASY * s.max_iterations))
-            if share != self.share:
-                self.share, flat = share, 0
-                cost = self.cost(theta)
-            step = search.step(theta, cost)
-            if step is None and share < 1.0:
-                search = self.search()
-                continue
-            if step is None:
-                break
-            theta, now = step.point, self.judged(step.point)
-            curve.append((k, now))
-            told(k / s.max_iterations, now)
-            if now < score or self.held is None:
-                best, score, epoch = theta, now, k
-            flat = flat + 1 if cost - step.cost < 1e-5 * cost else 0
-            cost = step.cost
-            if flat == _PATIENCE:
-                break
-        model = self.unrolled.unpack(best, self.physics.outputs)
-        note = "" if epoch else "never improved on the physics it started from"
-        if note:
-            warnings.warn(
-                f"seed {seed}: {note}; expected a smaller error: other seeds or priors", ModelWarning, stacklevel=4
-            )
-        seconds = spent + time.perf_counter() - began
-        trial = Trial(seed=seed, score=score, epoch=epoch, epochs=k, seconds=seconds, curve=np.array(curve), note=note)
-        return replace(model, fit_info=self._info(best, data, trial))
-
-    def _info(self, theta: np.ndarray, data: Dataset, trial: Trial) -> FitInfo:
-        s, n = self.settings, len(self.settings.free)
-        hessian, _ = self.linearised(theta)
-        e = self.error(theta, self.fitted)[self.fitted.weight[:, :, 0] > 0]
-        sigma2 = float(np.mean(e[:, : self.n_judged] ** 2))
-        posterior = np.linalg.inv(hessian)[:n, :n] * sigma2 / len(e)
-        noise = np.std(e[:, : self.n_judged] / self.weights[: self.n_judged], axis=0)
-        along = [name for name in self.inner.outputs[self.n_judged :]]
-        return FitInfo(
-            names=s.free,
-            values=theta[:n] * self.scale,
-            covariance=posterior * np.outer(self.scale, self.scale),
-            noise_std=noise,
-            n_samples=len(e),
-            units=tuple(self.template.params.si(name).unit for name in s.free),
-            seconds=trial.seconds,
-            method=f"free-run error{' with ' + ', '.join(along) if along else ''}, Levenberg-Marquardt over "
-            f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
-            warnings=self.physics.fit_info.warnings if self.physics.fit_info is not None and s.start is None else (),
-            **provenance(data),
-            trials=(trial,),
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # of models that are not given back
+            return [judged(seed) for seed in self.seeds]
 
 
-def _unit(params: Any, name: str) -> float:
-    """Scale of a parameter: its value, or a share of its range where that is nearly zero."""
-    meta, value = params.si(name), abs(float(getattr(params, name)))
-    own = meta.lower > 0 or value > 1e-2 * (meta.upper - meta.lower) or value > 0.1
-    return value if own else 0.05 * (meta.upper - meta.lower)
+def _errors(model: NonlinearBicycle, data: Dataset) -> np.ndarray:
+    """Of the free run over data, shape (n, n_outputs); infinite where it leaves the finite numbers."""
+    try:
+        run = model.simulate(data)
+    except SimulationError:
+        return np.full((1, len(model.outputs)), np.inf)
+    return run.error[run.predicted]
+
+
+def _on(models: Sequence[NeuralBicycle]) -> tuple[NeuralBicycle, ...]:
+    """Those whose network is on; one of the others if there is none."""
+    return tuple(m for m in models if np.any(m.network.parameters)) or tuple(models[:1])
+
+
+def _score(model: NeuralBicycle) -> float:
+    return model.fit_info.trials[0].score if model.fit_info else np.inf
+
+
+@dataclass
+class _Told:
+    """Progress over parts of equal length: which one, of how many, and what it does."""
+
+    progress: Progress | None
+    parts: int
+    part: int = 0
+    what: str = ""
+
+    def __call__(self, share: float, error: float) -> None:
+        if self.progress is not None:
+            self.progress((self.part + share) / self.parts, f"joint fit, {self.what}, relative error {error:.4f}")

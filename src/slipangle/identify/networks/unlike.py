@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +12,47 @@ from slipangle.data.dataset import Dataset, join
 
 _STRETCHES = 20  # that a log is cut into, about
 _SHARE = 0.25  # of the samples that is held out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """RMSE over each unseen part of a log, without and with what was learned; the unlike manoeuvres first."""
+
+    before: np.ndarray  # (n_parts,)
+    after: np.ndarray  # (n_parts,)
+
+    def doubt(self, worth: float) -> str:
+        """What speaks against it; empty if no part is worse and all together are better by the share ``worth``."""
+        least = np.maximum(self.before, np.finfo(float).tiny)
+        with np.errstate(invalid="ignore"):  # of runs that left the finite numbers
+            unlike, every = self.after[0] / least[0] - 1, np.linalg.norm(self.after) / np.linalg.norm(least) - 1
+        if np.all(self.after < self.before) and every <= -worth:
+            return ""
+        return (
+            f"on manoeuvres unlike those it was trained on it changed the RMSE by "
+            f"{100 * unlike:+.1f} %, on all unseen parts by {100 * every:+.1f} %; expected at "
+            f"least {-100 * worth:.0f} % and none worse"
+        )
+
+
+def proved(
+    data: Dataset,
+    signals: np.ndarray,
+    shortest: int,
+    folds: int,
+    errors: Callable[[Dataset, Dataset], tuple[np.ndarray, np.ndarray]],
+) -> Proof:
+    """The proof over manoeuvres unlike the others, then over stretches of the second half, each after all before it.
+
+    ``errors(seen, unseen)`` learns from one part and gives the errors over the other without and with what it learned,
+    shape (n, n_outputs), over the size of the outputs; the rest is as of `split_unlike`.
+    """
+    rows = np.round(np.linspace(0.5, 1.0, folds) * data.n_samples).astype(int)
+    parts = [split_unlike(data, signals, shortest)]
+    parts += [(data.rows(0, a), data.rows(a, b)) for a, b in pairwise(rows.tolist())]
+    rms = [[float(np.sqrt(np.mean(e**2))) for e in errors(*part)] for part in parts]
+    before, after = np.array(rms).T
+    return Proof(before=before, after=after)
 
 
 def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dataset, Dataset]:

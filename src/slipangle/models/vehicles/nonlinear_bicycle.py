@@ -1,7 +1,7 @@
 """The bicycle at the limit: Magic Formula axles with load transfer, combined slip and steering lag."""
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.axle import slip_speed, small_slip_angles
-from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, ChassisParams
 from slipangle.ops import Scalar, Vector, sin, sqrt, stack
 from slipangle.units import SI
 
@@ -36,6 +36,13 @@ class NonlinearBicycleParams(ChassisParams):
     drag: Annotated[float, SI("kg/m", "drag force per speed squared", 0.0, 10.0)] = 0.4
     steering_lag: Annotated[float, SI("s", "time constant from logged steering to road wheel", 0.002, 1.0)] = 0.03
     compliance: Annotated[float, SI("rad/N", "steering angle lost per front lateral force", -1e-4, 1e-4)] = 0.0
+
+    @property
+    def bicycle(self) -> BicycleParams:
+        """The linear bicycle of the same chassis at small slip, its front axle softer by what the steering gives."""
+        shared = {name: getattr(self, name) for name in ChassisParams.metadata()}
+        C_f: Any = self.C_f / (1.0 + self.compliance * self.C_f)
+        return BicycleParams(**shared, C_f=C_f, C_r=self.C_r)
 
 
 # Widths of smooth corners, over a wheel's static load (that of drive and brake over the weight), and the least peak.
