@@ -77,6 +77,25 @@ def test_an_applied_input_that_cannot_be_is_said_and_does_without(mpc, wrong):
     assert f"applied is {wrong:g}" in lost.message
 
 
+@pytest.mark.parametrize("degrees", [20.0, -20.0])
+def test_an_applied_input_far_beyond_its_limits_is_said_and_counts_as_one_at_them(mpc, degrees):
+    """A steering angle of degrees where radians are meant; one that is off by what a measurement is says nothing."""
+    (x, reference), name = moment(mpc), mpc.controls[0]
+    low, high = mpc.ocp.input_bounds[0]
+    limit = high if degrees > 0 else low
+    first = mpc.plan(x, reference)
+    for previous in (None, first, mpc.plan(x, reference, first)):
+        plan, usual = (mpc.plan(x, reference, previous, applied=np.array([a])) for a in (degrees, limit))
+        assert plan.status is usual.status
+        assert plan.u == pytest.approx(usual.u, abs=1e-12)
+        assert plan.detail.startswith(
+            f"applied is {degrees:g} for '{name}', beyond its limits of {low:g} and {high:g}, "
+        )
+        assert usual.detail == ""
+        near = mpc.plan(x, reference, previous, applied=np.array([limit + 0.004 * np.sign(limit) * (high - low)]))
+        assert near.detail == ""
+
+
 @pytest.mark.parametrize("applied", [0.1, [0.1], np.array(0.1), np.array([0.1], dtype=np.float32)])
 def test_numbers_lists_and_other_precisions_will_do(mpc, applied):
     x, reference = moment(mpc)

@@ -121,7 +121,7 @@ def stays(judge, ours, x, wanted, applied):
     """Whether Ipopt finds nothing better beside a plan."""
     linked, engine = judge._parts
     references = [setpoint(ocp, said) for ocp, said in zip(judge.problems, wanted, strict=True)]
-    u0 = linked.resting(applied, references)
+    u0 = linked.resting(applied, references, [None] * len(references))
     here = Start(
         x=np.concatenate([x, np.zeros(linked.model.n_states - len(x))]),
         applied=u0,

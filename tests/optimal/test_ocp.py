@@ -14,6 +14,7 @@ from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
 from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.paths.path import Path
@@ -278,6 +279,46 @@ def test_least_effort_from_rest_to_rest_tracks_nothing(solver):
     for said in ({"p": 1.0}, {"Q": {"nothing": 1.0}}):  # what counts for nothing cannot be wanted
         with pytest.raises(ParameterError, match="names"):
             mpc.plan(np.zeros(2), **said)
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler")
+@pytest.mark.parametrize("solver", ["realtime", "none"])
+@pytest.mark.parametrize(("bound", "horizon"), [(0.3, 10), (0.3, 30), (0.05, 10)])
+def test_two_inputs_that_do_the_same_need_no_weight(solver, bound, horizon, monkeypatch):
+    """Both at their limits until nothing is left: the sum of squares by hand, of a Hessian of half its rank."""
+    if solver == "none":
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+    tank = Ode(f=lambda x, u, p: [u[0] + u[1]], states=("a",), inputs=("F", "G"), params={}, dt=0.05)
+    mpc = MPC(tank, horizon=horizon, controls=("F", "G"), Q=Weights(a=1.0), limits=Limits(F=bound, G=bound))
+    plan = mpc.plan(np.array([0.5]), a=0.0)
+    left = np.maximum(0.5 - 2 * bound * 0.05 * np.arange(horizon + 1), 0.0)
+    assert plan.status.solved
+    assert plan.cost == pytest.approx(left @ left, rel=1e-8)
+    assert plan.x[:, 0] == pytest.approx(left, abs=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler")
+@pytest.mark.parametrize("solver", ["ipopt", "realtime"])
+@pytest.mark.parametrize(("other", "known"), [(0.25, True), (0.3, False)])
+def test_an_end_that_is_asked_for_twice_is_asked_for_once(solver, other, known):
+    """A state and an output of half its size: the same equation, or one that contradicts it."""
+    cart = Ode(
+        f=lambda x, u, p: [x[1], u[0]],
+        states=("a", "b"),
+        inputs=("F",),
+        outputs=("half",),
+        more=lambda x, u, p: {"half": 0.5 * x[0]},
+        params={},
+        dt=0.05,
+    )
+    once = MPC(
+        cart, horizon=20, Q=Weights(a=1.0), R=Weights(F=1e-3), terminal_limits=Limits(a=(0.5, 0.5)), solver=solver
+    )
+    twice = MPC(ocp=once.ocp, terminal_limits=Limits(a=(0.5, 0.5), half=(other, other)), solver=solver)
+    plan, wanted = twice.plan(np.array([1.0, 0.0]), a=0.0), once.plan(np.array([1.0, 0.0]), a=0.0)
+    assert plan.status is (wanted.status if known else Status.INFEASIBLE)
+    if known:
+        assert plan.u == pytest.approx(wanted.u, abs=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")

@@ -83,3 +83,35 @@ def test_phases_say_which_one():
         phases.plan(np.zeros(2), [{"duration": 5.0}] * 2, start)
     told = [str(warning.message).partition(" stages of")[0] for warning in said]
     assert told == ["phase 0: the duration makes", "phase 1: the duration makes"]
+
+
+def runge_kutta(x, force, g, h):
+    """One classical step of the pendulum."""
+
+    def f(x):
+        return np.array([x[1], -g * np.sin(x[0]) + force])
+
+    k1 = f(x)
+    k2 = f(x + h / 2 * k1)
+    k3 = f(x + h / 2 * k2)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(x + h * k3))
+
+
+@pytest.mark.parametrize(("told", "bent"), [(None, 1), ((9.81, 0.0), 0)], ids=["the problem's", "the plan's"])
+def test_the_scenario_whose_equations_are_missed_is_named(told, bent):
+    """The one with gravity: without, a step is exact however long it is. What is missed is that of four steps."""
+    mpc = swing_up(1, scenarios=sa.Scenarios({"g": (0.0, 9.81)}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        plan = mpc.plan(np.zeros(2), **({} if told is None else {"scenarios": {"g": told}}))
+    assert plan.status.solved
+    named, _, sentence = plan.detail.partition(": the duration makes stages of")
+    assert named == f"scenario {bent}"
+    branch, h, missed = plan.branches[bent], plan.decided["duration"] / 20, 0.0
+    for start, (force,) in zip(branch.x, branch.u, strict=False):
+        once, fine = runge_kutta(start, force, 9.81, h), start
+        for _ in range(4):
+            fine = runge_kutta(fine, force, 9.81, h / 4)
+        missed = missed + np.abs(fine - once)
+    said, _, name = sentence.partition("by ")[2].partition(" of '")
+    assert float(said) == pytest.approx(missed["ab".index(name[0])], rel=1e-2)

@@ -11,6 +11,8 @@ from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.paths.preview import Preview
 
+FAR_BEYOND = 0.01  # of half an input's range, as in judge.c: less is what a measurement may be off
+
 
 def given(
     controller: Controller, x: np.ndarray, reference: Ahead, previous: Plan | None
@@ -30,8 +32,15 @@ def given(
     return x, wanted
 
 
-def doubt(applied: np.ndarray | None, controls: tuple[str, ...]) -> str:
-    """What there is to say of an input applied that cannot be true, which `applied_before` does without; else empty.
+def doubt(
+    applied: np.ndarray | None,
+    controls: tuple[str, ...],
+    low: np.ndarray | float = -np.inf,
+    high: np.ndarray | float = np.inf,
+) -> str:
+    """What there is to say of an input applied that cannot be true, or is far beyond its limits; else empty.
+
+    `applied_before` does without the first, and takes the limit for the other.
 
     Raises
     ------
@@ -42,12 +51,24 @@ def doubt(applied: np.ndarray | None, controls: tuple[str, ...]) -> str:
         return ""
     asked = applied_input(applied, controls)
     if believable(asked):
-        return ""
+        return _beyond(asked, controls, low, high)
     worst = int(np.argmax(~(np.abs(asked) <= ANY)))
     return (
         f"applied is {asked[worst]:g} for '{controls[worst]}', which no input can be; in its place counts what was "
         "planned before, or an input at rest"
     )
+
+
+def _beyond(asked: np.ndarray, controls: tuple[str, ...], low: np.ndarray | float, high: np.ndarray | float) -> str:
+    """The first input that is beyond its limits by more than `FAR_BEYOND`, as one in another unit is."""
+    low, high = np.broadcast_to(low, asked.shape), np.broadcast_to(high, asked.shape)
+    over = np.maximum(asked - high, low - asked)
+    for j in np.flatnonzero((over > 0) & (over > FAR_BEYOND * 0.5 * (high - low))).tolist():
+        return (
+            f"applied is {asked[j]:g} for '{controls[j]}', beyond its limits of {low[j]:g} and {high[j]:g}, the nearer "
+            "of which counts in its place"
+        )
+    return ""
 
 
 def both(detail: str, doubt: str) -> str:

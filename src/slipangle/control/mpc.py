@@ -191,7 +191,9 @@ class MPC(Fallbacks):
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
         if wrong is None and not _others_finite(wanted):
             wrong = Status.NOT_FINITE
-        call = Call(x, wanted, previous, before, begin, wrong is None, doubt(applied, self.controls))
+        call = Call(
+            x, wanted, previous, before, begin, wrong is None, doubt(applied, self.controls, *self._input_range)
+        )
         if wrong is not None:
             detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
             return self._fallback(call, wrong, detail=detail)
@@ -317,13 +319,13 @@ class MPC(Fallbacks):
 
     @built
     def _finer(self) -> Finer | None:
-        return Finer(self.ocp) if self.ocp.duration is not None and self.ocp.scenarios is None else None
+        return Finer(self.ocp) if self.ocp.duration is not None else None
 
     def _astray(self, solution: Solution, wanted: Reference) -> str:
         """What the integrator's steps miss over the duration decided; a warning, too."""
         if self._finer is None or solution.decided is None:
             return ""
-        said = self._finer.sentence(solution.x, solution.u, wanted.exogenous, solution.decided)
+        said = self._finer.sentence_of(solution, wanted)
         if said:
             warnings.warn(said, ModelWarning, stacklevel=4)
         return said

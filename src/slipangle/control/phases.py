@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from slipangle.control.moved import moved
 from slipangle.control.mpc import MPC
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked, Within
@@ -23,7 +24,7 @@ from slipangle.optimal.linked import Linked
 from slipangle.optimal.named import backend_of, require_solver
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.setpoints import setpoint
-from slipangle.optimal.solution import Plan, Solution, Status, finite
+from slipangle.optimal.solution import Plan, Solution, Status, finite, within
 from slipangle.optimal.stretched import Finer
 from slipangle.shown import Shown
 
@@ -74,6 +75,8 @@ class PhasedPlan(Shown):
         Largest excess over any constraint, see `Plan`. [SI]
     residual : float
         Of the optimality conditions, see `Plan`. [-]
+    age : int
+        How many plans ago its inputs were found; 0 where they are of this one.
     """
 
     phases: tuple[PhasePlan, ...]
@@ -84,10 +87,11 @@ class PhasedPlan(Shown):
     violation: float
     residual: float
     start: Plan
+    age: int = 0
 
     def _words(self) -> str:
-        end = self.phases[-1].times[-1]
-        return f"{len(self.phases)} phases, {end:.4g} s ahead; {self.status.name} in {1e3 * self.seconds:.3g} ms"
+        end, old = self.phases[-1].times[-1], f", {self.age} plans old" if self.age else ""
+        return f"{len(self.phases)} phases{old}, {end:.4g} s ahead; {self.status.name} in {1e3 * self.seconds:.3g} ms"
 
     @property
     def command(self) -> np.ndarray:
@@ -104,7 +108,9 @@ class Phases(Checked):
     makes of the last one before. Inputs of one name and one range go on from phase to phase: the first one of a phase
     counts by S and keeps the rates from the last one before.
 
-    There is no fallback: where ``plan.status.solved`` is false, neither its inputs nor its states are an answer.
+    Where a plan `later` than the one before is not found, it is that one moved on, and its ``age`` says how old it is.
+    Without one before there is no fallback: where ``plan.status.solved`` is false and ``plan.age`` zero, neither its
+    inputs nor its states are an answer.
 
     Parameters
     ----------
@@ -172,6 +178,7 @@ class Phases(Checked):
         wanted: Sequence[Reference | Mapping[str, Any]],
         previous: PhasedPlan | Sequence[Guess | None] | None = None,
         *,
+        later: float | None = None,
         applied: np.ndarray | None = None,
     ) -> PhasedPlan:
         """Plan all phases.
@@ -186,27 +193,35 @@ class Phases(Checked):
             A plan of the same phases to start from; or for each phase a guess of your own by `MPC.guess`, None where
             there is none. The first states of a guess count, but in the first phase; what is held goes on from the
             phase before.
+        later : float, optional
+            Time since the plan before [s], which then is moved on by it, as `slipangle.control.moved.moved` says: the
+            first phase whose duration is free has so much less of it left, and the others go on behind it; where none
+            is free, all phases move on as the horizon of an `MPC` does. The plan is iterated to convergence from there.
         applied : array, shape (n_controls,), optional
-            Inputs of the first phase before; zero by default.
+            Inputs of the first phase before; by default those of the plan before, if this one is `later`, else zero.
 
         Raises
         ------
         ParameterError
-            If an argument has another shape, a phase lacks its wanted values, or a guess is of another problem.
+            If an argument has another shape, a phase lacks its wanted values, a guess is of another problem, or there
+            is no plan before that this one could be later than.
         """
         begin = perf_counter()
         phases: Any = self.problems
         first = phases[0]
         x = vector(x, first.model.states, "the state")
-        zero = np.clip(np.zeros(len(first.controls)), *first.input_bounds.T)
-        before = zero if applied is None else applied_input(applied, first.controls)
+        known = previous if isinstance(previous, PhasedPlan) else None
+        old = _before(later, known, phases)
+        rest = np.zeros(len(first.controls)) if old is None else old.command
+        rest = np.clip(rest, *first.input_bounds.T)
+        before = rest if applied is None else applied_input(applied, first.controls)
         _require_wanted(wanted, len(phases))
         references = [
             p.check_reference(r) if isinstance(r, Reference) else setpoint(p, r)
             for p, r in zip(phases, wanted, strict=True)
         ]
-        known = previous if isinstance(previous, PhasedPlan) else None
-        guesses = [None] * len(phases) if previous is None or known is not None else _each(previous, phases)
+        way = [] if old is None else moved(old.phases, phases, references, float(later or 0.0))
+        guesses = way or ([None] * len(phases) if previous is None or known else _each(previous, phases))
         begin -= perf_counter()  # what is built once is not the plan's time
         (linked, engine), _ = self._parts, self._finer
         begin += perf_counter()
@@ -216,13 +231,16 @@ class Phases(Checked):
         state[: len(x)] = x
         if self.deadline is not None:
             engine.allow(self.deadline - (perf_counter() - begin))
-        found = None if known is None else engine.resume(state, u0, reference, known.start)
+        found = None if known is None or later is not None else engine.resume(state, u0, reference, known.start)
         if found is None:
             u, states = linked.begin(x, u0, reference.exogenous, guesses)
             found = engine.solve(Start(x=state, applied=u0, reference=reference, guess_u=u, guess_x=states))
         plan = _taken_apart(linked, found)
         for said in self._astray(plan, references) if plan.status.solved else ():
             warnings.warn(said, ModelWarning, stacklevel=2)
+        if old is not None and not plan.status.solved:
+            u = within(way[0].inputs(before, first.horizon), before, first.input_bounds, first.step_bounds)
+            plan = _moved_on(old, plan, way, u)
         return replace(plan, seconds=perf_counter() - begin)
 
     @built
@@ -234,6 +252,39 @@ class Phases(Checked):
         each = zip(self._finer, plan.phases, references, strict=True)
         said = [f.sentence(p.x, p.u, r.exogenous, p.decided) if f is not None else "" for f, p, r in each]
         return [f"phase {k}: {sentence}" for k, sentence in enumerate(said) if sentence]
+
+
+def _before(later: Any, known: PhasedPlan | None, phases: Sequence[OCP]) -> PhasedPlan | None:
+    """The plan that this one is later than, if that was one.
+
+    Raises
+    ------
+    ParameterError
+        If there is none of these phases, or the time is none.
+    """
+    if later is None:
+        return None
+    number = isinstance(later, int | float | np.number) and not isinstance(later, bool)
+    if not number or not 0 <= later < np.inf:
+        raise ParameterError(f"later is {short(later)}; expected the time since the plan before, 0 or more [s]")
+    own = [] if known is None else [(p.states, p.controls, p.u.shape) for p in known.phases]
+    if known is None or own != [(p.model.states, p.controls, (p.horizon, len(p.controls))) for p in phases]:
+        raise ParameterError(
+            "later is given without a plan of these phases; expected the plan before as previous, or no later"
+        )
+    return known if known.status.solved or known.age else None
+
+
+def _moved_on(old: PhasedPlan, failed: PhasedPlan, way: Sequence[Any], u: np.ndarray) -> PhasedPlan:
+    """The plan before, where this one was not found; with these inputs of the first phase."""
+    phases, now = [], 0.0
+    for k, (own, said) in enumerate(zip(old.phases, way, strict=True)):
+        times = own.times - own.times[0]
+        times = now + times * (said.decided.get("duration", times[-1]) / times[-1])
+        now = float(times[-1])
+        phases.append(replace(own, u=said.u if k else u, x=said.x, times=times, decided=dict(said.decided)))
+    nothing = {"cost": np.nan, "violation": np.inf, "residual": np.inf}
+    return replace(failed, phases=tuple(phases), start=old.start, age=old.age + 1, **nothing)
 
 
 def _same(x: Any) -> Any:

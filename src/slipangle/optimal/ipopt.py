@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
@@ -32,6 +33,7 @@ _STATUS = {
 }
 
 _ONE_AT_A_TIME = threading.Lock()  # its linear solver and CasADi's statistics know one call at a time
+HAIR = 1e-8  # by which two equations that say the same, which Ipopt cannot tell from a contradiction, may be missed
 RADAU_C = RADAU_A.sum(axis=1)
 
 
@@ -223,13 +225,17 @@ class IpoptEngine(Engine):
             arguments["lam_x0"] = memory.bounds[at.later]
             arguments["lam_x0"][at.first_slack] = 0.0
             arguments["lam_g0"] = memory.constraints[at.later_rows]
+        begin = perf_counter()
         result = solver(**arguments)
         stats: dict[str, Any] = solver.stats()
+        late = self._deadline is not None and perf_counter() - begin > self._deadline / 2
+        if stats["return_status"] == "Restoration_Failed" and not late:  # as of equations that say the same
+            result = self._cold(**{**arguments, **_apart(at.limits, lower_g, upper_g)})
+            stats = self._cold.stats()
         v, g = (np.asarray(result[k].full()).ravel() for k in "xg")
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED)
         excess = np.concatenate([lower_g - g, g - upper_g, [0.0]])
-        good = finite(v, g)
-        kept = None
+        good, kept = finite(v, g), None
         if good and status.solved:
             kept = _Memory(self.ocp.identity, v, *(np.asarray(result[k].full()).ravel() for k in ("lam_x", "lam_g")))
         return Solution(
@@ -269,6 +275,14 @@ class IpoptEngine(Engine):
         lower[at.first] = np.concatenate([now[at.hard_now, 0], -none, now[at.soft_now, 0]])
         upper[at.first] = np.concatenate([now[at.hard_now, 1], now[at.soft_now, 1], none])
         return lower, upper
+
+
+def _apart(rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> dict[str, np.ndarray]:
+    """The bounds of the constraints, with a hair between those of these rows that are equal."""
+    same = np.zeros(len(lower), dtype=bool)
+    same[rows] = lower[rows] == upper[rows]
+    hair = np.where(same, HAIR * (1.0 + np.abs(np.where(same, upper, 0.0))), 0.0)
+    return {"lbg": lower - hair, "ubg": upper + hair}
 
 
 def _collocation(ocp: OCP) -> ca.Function | None:

@@ -342,6 +342,7 @@ def test_before_the_first_pose_it_waits():
         ({"steering_delay": 5.0}, "steering_delay is 5"),
         ({"track": ring()}, "the first lap is one of 'circuit', .* expected one of 'ring'"),
         ({"lap": 3}, "the first lap is 3; expected a Lap of 'circuit'"),
+        ({"pedals": None}, "pedals is None; expected Pedals"),
         ({"margin": 5.0}, "expected a wider track"),
     ],
 )

@@ -210,3 +210,10 @@ def test_a_racing_car_s_log_on_the_track_of_its_edges(real_data):
     edges = track.at(driven.s)
     assert (driven.n < edges.left).all()
     assert (driven.n > -edges.right).all()
+
+
+def test_laps_are_cut_of_a_log_on_a_path():
+    with pytest.raises(ParameterError, match=r"driven_laps\(\) is given a str; expected a Dataset"):
+        sa.driven_laps("a", circuit())
+    with pytest.raises(ParameterError, match="the track is 'a'; expected a Path"):
+        sa.driven_laps(log_of(fastest()), "a")

@@ -134,6 +134,17 @@ def test_every_sensitivity_is_that_of_laps_anew(name):
     assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=2e-3, abs=2e-6)
 
 
+@pytest.mark.parametrize("change", [None, "10", np.nan, True])
+def test_a_change_that_is_no_number_is_refused(change):
+    with pytest.raises(ParameterError, match=r"the change of 'mass' is .*; expected a number in its own unit"):
+        lap_of_the_circuit().worth("mass", change)
+
+
+def test_only_a_model_says_what_it_leaves_open():
+    with pytest.raises(ParameterError, match="the model is 'a'; expected the fitted Model of the lap's car"):
+        lap_of_the_circuit().time_std("a")
+
+
 def test_more_power_is_worth_time_and_more_mass_costs_it():
     lap = lap_of_the_circuit()
     assert lap.worth("power", 1000.0) < 0 < lap.worth("mass", 10.0)

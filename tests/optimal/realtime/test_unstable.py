@@ -5,6 +5,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.ops import exp
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason=sentence())
 WAYS = [
@@ -75,3 +76,50 @@ def test_in_a_loop_such_plans_stay_the_optimum():
         assert plan.command[0] == pytest.approx(fresh.command[0], rel=1e-3, abs=1e-6)
         x = np.asarray(mpc.ocp.model.step(x, plan.command))
     assert abs(x[0]) < 1e-4
+
+
+@pytest.mark.parametrize("solver", WAYS[:1])
+@pytest.mark.parametrize(("pole", "start", "guessed"), [(20.0, 1e-7, False), (20.0, 0.1, True), (50.0, 1e-7, False)])
+def test_where_rounding_leaves_no_optimum_none_is_named_solved(pole, start, guessed, solver):
+    """The last digit of an input moves the end by more than the plan: states grow by exp(40) and exp(100)."""
+    mpc, _, _ = pushed(pole, 40, 0.05, 1e-6)
+    mpc = sa.MPC(ocp=mpc.ocp, limits=sa.Limits(a=500.0), solver=sa.RealTime(**solver))
+    x = np.array([start, 0.0])
+    plan = mpc.plan(x, mpc.setpoint(), mpc.guess(x={"s": start, "v": 0.0}) if guessed else None)
+    assert not plan.status.solved
+
+
+def cubic(x, u, p):
+    return [x[0] ** 3 + u[0]]
+
+
+def growing(x, u, p):
+    return [x[1], exp(x[0]) - 1.0 + u[0]]
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler was found")
+@pytest.mark.parametrize("solver", [*WAYS[:1], *WAYS[-1:]])
+@pytest.mark.parametrize(
+    ("rates", "states", "horizon", "dt", "start"),
+    [
+        (cubic, ("s",), 100, 0.01, [3.9]),
+        (cubic, ("s",), 200, 0.01, [-3.0]),
+        (growing, ("s", "v"), 100, 0.05, [3.0, 1.0]),
+    ],
+)
+def test_a_first_plan_is_found_where_held_inputs_lead_beyond_all_numbers(
+    rates, states, horizon, dt, start, solver, request, monkeypatch
+):
+    """Against Ipopt from states that are at once where they are wanted; the cubic's escape after 1 / (2 s^2)."""
+    if "interpreted" in request.node.name:
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+    model, x = sa.Ode(f=rates, states=states, inputs=("a",), params={}, dt=dt), np.array(start)
+    mpc = sa.MPC(model, horizon=horizon, controls=("a",), Q=dict.fromkeys(states, 1.0), R={"a": 1e-3}, **solver)
+    plan = mpc.plan(x, **dict.fromkeys(states, 0.0))
+    peer = sa.MPC(ocp=mpc.ocp, solver=sa.Ipopt())
+    states_wanted = np.vstack([x, np.zeros((horizon, len(x)))])
+    best = peer.plan(x, peer.setpoint(), peer.guess(x=states_wanted))
+    assert plan.status.solved
+    assert best.status.solved
+    assert plan.cost == pytest.approx(best.cost, rel=1e-6)
+    assert plan.u == pytest.approx(best.u, abs=1e-4 * np.abs(best.u).max())

@@ -67,7 +67,7 @@ class SteeringLaw(SteeringController):
             age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
             detail=both(
                 judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
-                doubt(applied, self.controls),
+                doubt(applied, self.controls, -self.limit, self.limit),
             ),
             times=self.times,
             health=health_of(previous).after(wrong is not None, False),

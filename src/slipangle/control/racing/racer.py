@@ -168,6 +168,8 @@ class Racer(Brief):
         self._every, self._settling = round(dt / sample), SETTLING * math.sqrt(size)
         if self._every < 1 or not math.isclose(self._every * sample, dt, rel_tol=1e-6):
             raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")
+        if not isinstance(pedals, Pedals):
+            raise ParameterError(f"pedals is {shown(pedals)}; expected Pedals: say Pedals.of(car)")
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.data.race import with_position
-from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.errors import MissingColumnError, ParameterError, TooShortError, shown
 from slipangle.optimal.lap.lap import Lap, require_lap_of
 from slipangle.paths.path import Path
 from slipangle.shown import Shown
@@ -128,6 +128,9 @@ def driven_laps(data: Dataset, track: Path, *, origin: tuple[float, float] | Non
     TooShortError
         If there is no complete lap.
     """
+    require_dataset(data, "driven_laps() is given a")
+    if not isinstance(track, Path):
+        raise ParameterError(f"the track is {shown(track)}; expected a Path: sa.Path.from_file(...)")
     if not track.closed:
         raise ParameterError(f"'{track.name}' is open; expected a closed track to cut laps of")
     data, how = _placed(data, track, origin)

@@ -132,17 +132,22 @@ class Lap(Shown):
     def worth(self, name: str, change: float) -> float:
         """Change of the lap time [s], to first order, by a change of a parameter of the car in its own unit.
 
-        Raises ParameterError if there is no such parameter.
+        Raises ParameterError if there is no such parameter, or the change is no finite number.
         """
         LapCar.si(name)
+        number = isinstance(change, int | float | np.number) and not isinstance(change, bool)
+        if not number or not math.isfinite(change):
+            raise ParameterError(f"the change of '{name}' is {shown(change)}; expected a number in its own unit")
         return self.sensitivities.get(name, 0.0) * change
 
     def time_std(self, model: Model, *, known: Collection[str] = ()) -> float:
         """Standard deviation of the lap time by what the fit of a model leaves open of its car, to first order. [s]
 
         The lap's car is that of the model (`lap_car`), but for what is ``known`` otherwise. Infinite where the fit says
-        nothing finite, NaN where the model is no fit or estimates nothing of a car.
+        nothing finite, NaN where the model is no fit or estimates nothing of a car. ParameterError if it is no model.
         """
+        if not isinstance(model, Model):
+            raise ParameterError(f"the model is {shown(model)}; expected the fitted Model of the lap's car")
         names = tuple(n for n in (model.fit_info.names if model.fit_info else ()) if n in self.sensitivities)
         names = tuple(n for n in names if n not in known)
         if not names:

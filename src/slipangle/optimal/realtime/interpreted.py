@@ -18,7 +18,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
-from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, reach_of, units
+from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, outgrown, reach_of, units
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -319,25 +319,23 @@ class WorkArea(Engine):
         return cheaper if better else replace(found, iterations=cheaper.iterations)
 
     def _ended(self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0) -> Solution:
-        """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them."""
-        left = self._settings.max_iterations - iterate.iterations
-        if not led_nowhere(iterate.status, iterate.violation) or left < 1:
-            return self._solution(u, x, iterate, unfinished)
-        return self._from(np.tile(self._applied, (len(u), 1)), iterate.iterations, unfinished)
+        """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them.
 
-    def _from(
-        self, u: np.ndarray, before: int, unfinished: int, *, ahead: bool = False, rolled: bool = False
-    ) -> Solution:
-        """Iterate from other inputs, and states that need not follow from them yet, after so many iterations.
-
-        The states stay, or, if `ahead`, head for the end; if `rolled`, they follow from the inputs.
+        They stay, or, where that leads nowhere either, are as wanted.
         """
+        found = self._solution(u, x, iterate, unfinished)
+        for begin in (self._staying, self._as_wanted):
+            if not led_nowhere(found.status, found.violation) or found.iterations >= self._settings.max_iterations:
+                break
+            held = np.tile(self._applied, (len(u), 1))
+            found = self._from(held, found.iterations, unfinished, begin)
+        return found
+
+    def _from(self, u: np.ndarray, before: int, unfinished: int, begin: Callable[[np.ndarray], np.ndarray]) -> Solution:
+        """Iterate from other inputs and the states that begin there, after so many iterations."""
         u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
-        if rolled:
-            x = self._roll_out(self._x0, u, self._reference)
-        else:
-            x = self._heading(u) if ahead else self._staying(u)
+        x = begin(u)
         found = self._converge(u, x, self._settings.max_iterations - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
 
@@ -345,11 +343,11 @@ class WorkArea(Engine):
         """Where a solve led nowhere, or limits are missed, two last starts: inputs in the middle of their ranges."""
         middle, found = self.ocp.input_bounds.mean(axis=1), before
         u = np.tile(np.where(np.isfinite(middle), middle, self._applied), (len(before.u), 1))
-        for ahead in (True, False):
+        for begin in (self._heading, self._staying):
             lost = found.status is Status.INFEASIBLE or led_nowhere(found.status, found.violation)
             if not lost or found.iterations >= self._settings.max_iterations:
                 break
-            found = self._from(u, found.iterations, unfinished, ahead=ahead)
+            found = self._from(u, found.iterations, unfinished, begin)
         if before.status is not Status.INFEASIBLE or _leads_on(found):
             return found
         return _still(found, before)
@@ -369,10 +367,27 @@ class WorkArea(Engine):
             u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
             same = bool(np.abs(u[:, j] - missed.u[:, j]).max() <= SETTLED * self._scale[j])
             u[:, j] += 0.5 * self._scale[j] * same
-            found = self._from(u, found.iterations, unfinished, rolled=same)
+            found = self._from(u, found.iterations, unfinished, self._following if same else self._staying)
             if _leads_on(found):
                 return found
         return _still(found, missed)
+
+    def _following(self, u: np.ndarray) -> np.ndarray:
+        """States that inputs lead to."""
+        return self._roll_out(self._x0, u, self._reference)
+
+    def _as_wanted(self, u: np.ndarray) -> np.ndarray:
+        """States that are where tracked ones are wanted from the first step on, which are sure to be numbers."""
+        states = self._staying(u)
+        m = self._linearise(u, states, exact=False)
+        self._k[:] = 0.0
+        at = [0, *self.ocp.nodes[1:].tolist()]
+        for i in range(1, len(u) + 1):
+            for rows, inputs, e, weight in zip(m.Ex[i], m.Eu[i], m.e[i], self._weight_rows[i], strict=True):
+                alone = np.flatnonzero(rows)
+                if weight > 0 and len(alone) == 1 and not inputs.any():
+                    states[at[i - 1] + 1 : at[i] + 1, alone] -= e / rows[alone]
+        return states
 
     def _staying(self, u: np.ndarray) -> np.ndarray:
         """States that stay where the vehicle is now, but for jumps."""
@@ -707,6 +722,7 @@ class WorkArea(Engine):
             may_rise = missed > 1e-6 and price < dearest  # of the price: the last digits are not worth their steps
             last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
             hazy = last and blurred(H, np.diag(self._quadratic), step, self._half_cost(m.e, u))
+            hazy = hazy or (last and outgrown(m.A, self.ocp.jumps))
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
             k = self._k.copy()
@@ -724,7 +740,9 @@ class WorkArea(Engine):
             self._qp.price(0.0)
             if not np.isfinite(there):
                 return u, x, replace(iterate, status=Status.NOT_FINITE)
-            if near and t < 1e-6 and whole <= ROUNDED and not paid:  # back to where this step began
+            if (
+                near and t < 1e-6 and whole <= ROUNDED and not (paid or outgrown(m.A, self.ocp.jumps))
+            ):  # back to its begin
                 self._k[:] = k
                 m = self._linearise(u, x, exact=True)
                 _, half, violation = self._merit(m, u, x, penalty, hard_penalty)
@@ -742,7 +760,7 @@ class WorkArea(Engine):
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last and not hazy else Status.STALLED)
             rough = loose or late or (count == most and self._settings.iterations > 0)  # 0: to the optimum, as asked
-            if residual <= accept and not paid and rough:
+            if residual <= accept and not paid and rough and (loose or not outgrown(m.A, self.ocp.jumps)):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)

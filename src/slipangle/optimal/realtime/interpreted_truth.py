@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,7 @@ def moves_on(x: np.ndarray, states: np.ndarray) -> bool:
 
 
 BLURRED = 1e-9  # as in solver.c
+GROWN = 1e13  # times that a state grows over the horizon, after which rounding leaves no digit of where inputs lead
 FACTORED = 1e-12  # of the largest curvature, added to each so that there is a factor
 
 
@@ -60,3 +62,13 @@ def blurred(H: np.ndarray, weights: np.ndarray, step: np.ndarray, cost: float) -
     own, push = np.where(weights > 0, weights, curvature), FACTORED * curvature.max() * np.abs(step)
     some = (own > 0) & (push > BLURRED * own)
     return float((push[some] ** 2 / own[some]).sum()) > BLURRED * cost
+
+
+def outgrown(A: np.ndarray, jumps: Sequence[int]) -> bool:
+    """Whether steps with derivatives A multiply some state by so much, from the first on or from after a jump."""
+    by = np.eye(A.shape[1])
+    for m, step in enumerate(A):
+        by = np.eye(len(step)) if m in jumps else step @ by
+        if not (np.abs(np.diagonal(by)) <= GROWN).all():
+            return True
+    return False

@@ -1,5 +1,7 @@
 /* The usual call, from the plan that the work area still holds: what it is given is judged here, at once. */
 
+#define FAR_BEYOND 0.01 /* its limits, in units of half its range: an input applied that is to be told of */
+
 /* As rt_solve; DOUBTFUL, with nothing solved, where anything given is for a closer look. */
 int rt_again(Work *s)
 {
@@ -14,12 +16,13 @@ int rt_again(Work *s)
 #ifdef HEADING
     good &= fabs(s->x0[HEADING] - s->p[HEADING_WANTED]) <= 3.1415; /* no turn more, or less, to be unwound */
 #endif
-    double size = 0;
+    double size = 0, beyond = 0;
     for (int j = 0; j < NU; j++) {
         size += s->applied[j] * s->applied[j];
+        beyond = larger(beyond, larger(s->applied[j] - INPUT_HIGH[j], INPUT_LOW[j] - s->applied[j]) / SCALE[j]);
         s->applied[j] = smaller(larger(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
     }
-    if (!(good && size <= ANY_INPUT * ANY_INPUT))
+    if (!(good && beyond <= FAR_BEYOND && size <= ANY_INPUT * ANY_INPUT))
         return DOUBTFUL;
     int status = rt_solve(s);
     if ((status == SOLVED || status == ITERATED) && !(moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX)))

@@ -825,6 +825,25 @@ static int solve_otherwise(Work *s, int status)
 }
 #endif
 
+#define THICKEST 1e-5
+
+/* What rounding keeps from an answer, as where two inputs do the same and neither has a weight, with more curvature by
+   each input: a shorter step, whose end is the same. */
+static int solve_thicker(Work *s, int status)
+{
+    double *H = (double *)s->qp.H;
+    for (double more = 1e-10; more < THICKEST && (status == QP_NUMBER || status == QP_LIMIT); more *= 100) {
+        s->blur += more * s->top;
+        for (int a = 0; a < N * NU; a++)
+            H[a * QL + a] += more * s->top;
+        if (!qp_factor(&s->qp))
+            continue;
+        status = qp_solve(&s->qp, 0);
+        s->qp_iterations += s->qp.iterations;
+    }
+    return status;
+}
+
 static int solve_condensed(Work *s, int warm)
 {
 #ifdef RICCATI
@@ -841,9 +860,11 @@ static int solve_condensed(Work *s, int warm)
         return QP_SOLVED;
 #ifdef RICCATI
     if ((status == QP_NUMBER || status == QP_LIMIT) && !s->frail)
-        return solve_otherwise(s, status);
+        status = solve_otherwise(s, status);
+    if (s->by_stages || s->frail)
+        return status;
 #endif
-    return status;
+    return solve_thicker(s, status);
 }
 
 static int solve_qp(Work *s, int warm)
@@ -888,6 +909,33 @@ static int blurred(const Work *s, double cost)
             left += push * push / own;
     }
     return left > BLURRED * cost;
+}
+
+#define GROWN 1e13 /* times that a state grows over the horizon, after which rounding leaves no digit of where inputs lead */
+
+/* Whether the model multiplies some state by so much, from the first step on or from after a jump. */
+static int outgrown(const Work *s)
+{
+    double by[NX * NX] = {0}, next[NX * NX];
+    for (int m = 0, anew = 1; m < NS; m++, anew = 0) {
+#if JUMPS > 0
+        int skip = 0;
+        for (int j = 0; j < JUMPS; j++)
+            skip |= JUMP[j] == m, anew |= JUMP[j] == m - 1;
+        if (skip)
+            continue;
+#endif
+        const double *A = s->A + m * NX * NX;
+        memset(next, 0, sizeof next);
+        for (int a = 0; a < NX && !anew; a++)
+            for (int c = 0; c < NX; c++)
+                add(next + a * NX, A[a * NX + c], by + c * NX, NX);
+        memcpy(by, anew ? A : next, sizeof by);
+        for (int a = 0; a < NX; a++)
+            if (!(fabs(by[a * NX + a]) <= GROWN))
+                return 1;
+    }
+    return 0;
 }
 
 /* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
@@ -1025,6 +1073,7 @@ static int back(Work *s, double whole)
 }
 
 #define TELLING 1e-5 /* of the merit, that no last step promises */
+#define FIRST 1e-9   /* of the merit at first, which counts where there is nearly none left */
 #define HIDDEN 1e-3  /* of the cost, or of the merit at first, that what is missed may cost by its multipliers in the end */
 
 #ifdef CURVED
@@ -1108,9 +1157,9 @@ static int converge(Work *s, int64_t most, int loose)
         idle += flat && s->step > 0.9 * least;
         least = flat ? smaller(s->step, least) : least;
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
-        int still = predicted <= TELLING * larger(here, begun); /* else curvature of multipliers long gone holds it there */
+        int still = predicted <= TELLING * larger(here, FIRST * begun); /* else curvature of multipliers long gone holds it there */
         int last = near && !s->frail && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
-        int hazy = last && blurred(s, cost);
+        int hazy = last && (blurred(s, cost) || outgrown(s));
 #ifdef RICCATI
         if (hazy && !s->unstable)
             s->unstable = 1, hazy = last = idle = 0;
@@ -1162,7 +1211,7 @@ static int converge(Work *s, int64_t most, int loose)
         if (loose && accepted(s) && !paid)
             return ITERATED;
         if (t < 1e-6)
-            return near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
+            return !outgrown(s) && near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
         if (paid && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
             price *= 100, priced = n;
         if (s->violation < 0.9 * nearest)
@@ -1171,7 +1220,7 @@ static int converge(Work *s, int64_t most, int loose)
             price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
             soft = 1, priced = n;
         }
-        whole = near && t == 1 ? s->step : INFINITY;
+        whole = near && t == 1 && !s->frail ? s->step : INFINITY;
 #ifdef CURVED
         choose_curvature(s, t);
 #endif
@@ -1184,7 +1233,8 @@ static int converge(Work *s, int64_t most, int loose)
     }
     if (stays && nearest > FEASIBLE) /* which nothing is where limits were kept on the way */
         return INFEASIBLE;
-    return accepted(s) && !paid && (loose || s->fixed > 0) ? ITERATED : ITERATION_LIMIT; /* 0: to the optimum, as asked */
+    int good = accepted(s) && !paid && (loose || s->fixed > 0) && !outgrown(s); /* fixed 0: to the optimum, as asked */
+    return good ? ITERATED : ITERATION_LIMIT;
 }
 
 /* States that stay go straight to where hard limits want them in the end. */
@@ -1209,9 +1259,31 @@ static void head_for_end(Work *s)
             s->x[m * NX + a] += by[a] * ((double)m / (double)NS);
 }
 
-enum { STAY, HEAD_FOR_END, ROLL_OUT };
+/* States that stay are where tracked ones are wanted from the first step on. A plant that is not stable leaves no other
+   states that are sure to be numbers: those that inputs lead to are soon beyond all, and so is what changes of an input
+   lead to from where it is now. */
+static void take_wanted(Work *s)
+{
+    for (int i = 0; i <= N; i += LANES)
+        evaluate_stage(s, i);
+    for (int i = 1; i <= N; i++)
+        for (int k = 0; k < NE; k++) {
+            const double *x = s->E + (i * NE + k) * NX, *u = s->D + (i * NE + k) * NU;
+            int at = -1, parts = !(s->q[i * NE + k] > 0);
+            for (int a = 0; a < NX; a++)
+                if (x[a] != 0)
+                    at = a, parts++;
+            for (int j = 0; j < NU; j++)
+                parts += u[j] != 0;
+            for (int m = NODE(i - 1) + 1; parts == 1 && at >= 0 && m <= NODE(i); m++)
+                s->x[m * NX + at] -= s->e[i * NE + k] / x[at];
+        }
+}
 
-/* Iterate from other inputs, and states that follow from them, or need not yet: they stay, or head for the end. */
+enum { STAY, HEAD_FOR_END, ROLL_OUT, AS_WANTED };
+
+/* Iterate from other inputs, and states that follow from them, or need not yet: they stay, head for the end, or are as
+   wanted. */
 static int begin_at(Work *s, int states)
 {
     keep_inputs(s);
@@ -1221,6 +1293,8 @@ static int begin_at(Work *s, int states)
         stay(s);
     if (states == HEAD_FOR_END)
         head_for_end(s);
+    if (states == AS_WANTED)
+        take_wanted(s);
     forget_rows(s);
     price_limits(s, 0);
     s->fresh = FROM_NOTHING, s->anew = 1, s->open_end = s->ahead = 0;
@@ -1241,14 +1315,17 @@ static int leads_on(const Work *s, int status)
 }
 
 /* A solve that led nowhere, such as from states that a plan before or inputs held lead to beyond all numbers, begins anew:
-   the inputs held, and states that need not follow from them yet. */
+   the inputs held, and states that need not follow from them yet: they stay, or, where that leads nowhere either, are as
+   wanted. */
 static int begin_anew(Work *s, int status)
 {
-    if (!nowhere(s, status) || s->iterations >= s->max_iterations)
-        return status;
-    for (int i = 0; i < N; i++)
-        memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    return begin_at(s, STAY);
+    static const int ways[] = {STAY, AS_WANTED};
+    for (int way = 0; way < 2 && nowhere(s, status) && s->iterations < s->max_iterations; way++) {
+        for (int i = 0; i < N; i++)
+            memcpy(s->u + i * NU, s->applied, sizeof s->applied);
+        status = begin_at(s, ways[way]);
+    }
+    return status;
 }
 
 /* Where that led nowhere either, or limits are missed, two last starts: inputs in the middle of their ranges, and states
