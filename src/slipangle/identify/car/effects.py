@@ -50,9 +50,10 @@ _TELLING = 0.5  # wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
-# are more, as cars that roll much asked for one by up to 3.7.
+# are more, as cars that roll much asked for one by up to 3.7, and of v_y's, beside its sensor's place, by as much.
 _SURE, _SURE_SPEED = (1.96, 3.92), (4.0, 6.0)
 _BRUSHES = 0.5  # how far brushes count that explain a log just as well, as real tires are in between
+_HEARD = 0.5  # share of v_y's variance that is explained at least where its scale is told
 _ANY = 2.0  # of what needs no other proof than that it helps
 
 
@@ -62,12 +63,15 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     Downforce adds a tenth to an axle's load in fast driving, as wings do, a locked axle a tenth to the yaw damping, and
     stretches of unlike speed and size agree that there is some. A largest rate of the steering is sharp and changes the
     outputs by a twentieth, else it stands in for a lag of another shape. A speed is wrong by a few percent or more,
-    rear wheels by a tenth; a v_y sensor of another scale is elsewhere too from a twentieth of the wheelbase on. Lift of
-    that size has no car that is driven so fast: it is what roads and drivers do with speed.
+    rear wheels by a tenth; a v_y sensor of another scale reads what is explained on it, and is elsewhere too from a
+    twentieth of the wheelbase on. Lift of that size has no car that is driven so fast: it is what roads and drivers do
+    with speed.
     """
     lever = names == LEVER and {*SCALE} <= {*fitted.free}
     if not lever and names not in (DOWNFORCE, LOCKED, RATE, *_SCALES):
         return _ANY
+    if names == SCALE and explained(fitted)[fitted.model.outputs.index("v_y")] < _HEARD:
+        return 0.0
     std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[[fitted.names.index(name) for name in names]], 0.0))
     if names == DOWNFORCE:
         size = (_ratios(fitted, FAST) - 1.0) / _LEAST
@@ -80,9 +84,19 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
         size = np.minimum(sharp, _slowed(fitted) / _SLOWED)
     else:
         size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
-    none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names in (SPEED, SCALE) else _SURE
+    beside = names == SCALE and {*LEVER} <= {*fitted.free}
+    none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED or beside else _SURE
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
     return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
+
+
+def explained(fitted: Fitted) -> np.ndarray:
+    """Share of each output's variance that is explained, of v_y but for what a turned sensor reads of the speed. [-]"""
+    data, moves = fitted.problem.data, []
+    for name in fitted.model.outputs:
+        zeros = np.column_stack([np.ones(len(data)), data["v_x"] * (name == "v_y")])
+        moves.append(np.std(data[name] - zeros @ np.linalg.lstsq(zeros, data[name], rcond=1e-9)[0]))
+    return 1 - (fitted.sigma / np.maximum(moves, 1e-300)) ** 2
 
 
 def _slowed(fitted: Fitted) -> float:

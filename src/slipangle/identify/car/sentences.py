@@ -9,6 +9,7 @@ import numpy as np
 
 from slipangle.data.recordings import recordings
 from slipangle.identify.car.corrections import LOADS, SPEED, friction_used
+from slipangle.identify.car.effects import explained
 from slipangle.identify.car.left_over import HOLD, NO_HOLD
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Others, Stage, settling, worth
@@ -227,7 +228,7 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: 
 
 def _unexplained(final: Fitted) -> list[str]:
     """Outputs that have nothing to do with steering and speed: all of them, or some, which then spoil the others."""
-    told = 1 - (final.sigma / np.maximum(np.std(final.problem.data.y, axis=0), 1e-300)) ** 2
+    told = explained(final)
     shares = [f"{100 * max(share, 0.0):.0f} % of {n}" for n, share in zip(final.model.outputs, told, strict=True)]
     lost, heard = (
         [s for s, share in zip(shares, told, strict=True) if (share < _DEAF) == deaf] for deaf in (True, False)

@@ -12,6 +12,7 @@ from slipangle.identify.car.structures import Fitted, change, errors
 
 _BETTER = 0.4, 2.0  # fall of the error's logarithm, and that over its scatter, from which it is an angle
 _LARGEST = 0.4  # rad, of a side slip angle
+_LEFT = 0.5  # share of its variance that is not explained of an angle, at most
 _FEW = 2  # stretches, fewer of which do not tell how far they scatter
 
 
@@ -27,7 +28,8 @@ def side_slip(fitted: Callable[[Dataset], Fitted], whole: Stretches) -> tuple[st
     as_angle = some.with_channel("v_y", some["v_x"] * np.tan(some["v_y"]), "m/s")
     shares = [errors(fitted(read), read) / np.var(read.y, axis=0) for read in (some, as_angle)]
     moved, scatter = change(*shares)
-    if moved > -max(_BETTER[0], _BETTER[1] * scatter):
+    left = float(shares[1][:, some.outputs.index("v_y")].mean())
+    if left > _LEFT or moved > -max(_BETTER[0], _BETTER[1] * scatter):
         return ()
     return (
         f"v_y is a side slip angle: read as v_x times its tangent the log leaves {100 * np.exp(moved / 2):.2g} % of "
