@@ -62,7 +62,7 @@ LIMIT = NonlinearBicycleParams(
 AXLES = SaturatingBicycleParams(
     **dict(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, mu_f=1.1, mu_r=1.3),
     **dict(bias_r=0.01, bias_v_y=-0.05, bias_a_y=0.1, lever_v_y=0.2, relaxation_f=0.3, relaxation_r=0.4),
-    **dict(downforce_f=0.7, downforce_r=1.1),
+    **dict(downforce_f=0.7, downforce_r=1.1, gain_v_y=1.15, turn_v_y=0.02),
 )
 LINEAR = LinearTire(C_alpha=6e4, C_s=1e5)
 DALLARA = LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02)

@@ -148,9 +148,10 @@ MUTANTS = [
             ("saturating bicycle: a brush that slides late", "clip(C / (3.0 * peak)", "clip(C / (4.0 * peak)"),
             (
                 "saturating bicycle: lever of the sensor",
-                "return p.lever_v_y * x[1]",
-                "return -p.lever_v_y * x[1]",
+                "+ p.gain_v_y * p.lever_v_y * x[1]",
+                "- p.gain_v_y * p.lever_v_y * x[1]",
             ),
+            ("saturating bicycle: turned by the logged speed", "p.turn_v_y * p.gain_v_x * u[1]", "p.turn_v_y * u[1]"),
             ("relaxing bicycle: time for length", "(length / v) ** 2", "(length * v) ** 2"),
             ("relaxing bicycle: slip runs away", "(now[i] - x[2 + i]) / tau[i]", "(x[2 + i] - now[i]) / tau[i]"),
         ],

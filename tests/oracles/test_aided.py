@@ -113,7 +113,8 @@ def test_a_late_steering_is_that_of_the_front_wheels_alone():
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_run_begins_where_the_car_is_on_its_rear_wheels(kind, measured):
     """In a steady bend at little slip nothing changes from there; a v_y that was measured is taken."""
-    params = SaturatingBicycleParams(**SATURATING, **STEERED, relaxation_f=0.4, relaxation_r=0.6, lever_v_y=-0.3)
+    sensor = dict(lever_v_y=-0.3, gain_v_y=1.2, turn_v_y=0.02)
+    params = SaturatingBicycleParams(**SATURATING, **STEERED, **sensor, relaxation_f=0.4, relaxation_r=0.6)
     model = RearSteered(kind(params=params, dt=0.01))
     v, delta_r = 24.0, 2e-3
 
@@ -127,7 +128,7 @@ def test_a_run_begins_where_the_car_is_on_its_rear_wheels(kind, measured):
         at[[0, 2]] -= np.linalg.solve(slope, residual(at))
     angle = at[2] / STEERED["steering_gain"] + STEERED["steering_offset"]
     given = {"delta": [angle] * 2, "v_x": [v] * 2, "delta_r": [delta_r] * 2}
-    v_y = {"v_y": [at[0] - 0.3 * r] * 2} if measured else {}
+    v_y = {"v_y": [1.2 * (at[0] - 0.3 * r) + 0.02 * v] * 2} if measured else {}
     x = model.initial_state(Dataset.from_arrays(given, {"r": [r] * 2, **v_y}, 0.01))
     slip = rear_slip(SATURATING, at[0], r, at[2], delta_r, v)
     assert x == pytest.approx([at[0], r, *slip][: len(x)], abs=1e-6)

@@ -166,6 +166,7 @@ def test_bicycles_below_their_lowest_speed():
 AXLES = dict(C_f=83e3, C_r=127e3, mu_f=0.93, mu_r=1.12, shape=1.36)
 SATURATING = CHASSIS | AXLES | dict(downforce_f=1.7, downforce_r=-0.6)
 SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
+SENSORS |= dict(gain_v_y=1.13, turn_v_y=0.021)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,7 @@ def test_saturating_bicycle(half, gain, brush):
         slip = vehicles.small_slip(CHASSIS, v_y, r, turned, v_x)
         braked = {"across_f": -0.2 * CHASSIS["mass"] * vehicles.G * turned}
         found = vehicles.saturating_bicycle(SATURATING | loads | braked, v_y, r, *slip, v_x)
-        read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
+        read = [1.13 * (v_y - 0.31 * r) + 0.021 * v_x - 0.11, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
         return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
 
     def ours(*z):

@@ -13,7 +13,8 @@ from slipangle.identify.car import corrections as corrections_module
 from slipangle.identify.car import structures
 from slipangle.identify.car.corrections import RATE, corrections
 from slipangle.identify.car.effects import believed, told
-from slipangle.identify.car.sentences import sensors, unsettled
+from slipangle.identify.car.sensors import sensors
+from slipangle.identify.car.sentences import unsettled
 from slipangle.identify.car.structures import STIFF, Stage, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered

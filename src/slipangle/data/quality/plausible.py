@@ -45,6 +45,7 @@ _CHANGES = "v_x or r is in another unit, if only over a part of the log; look at
 _ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
 _SESSION = 28.0  # s of a recording, from which it is looked at by itself
 _ANEW = 5  # times that an offset is told, each without the one before
+TURNED = "its sensor is turned by"  # as a fit corrects
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
 _OF_A_Y = (  # a_y over v_x r from, to, in words, and whether v_x or r is wrong
@@ -138,6 +139,15 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
         return 0.0
     gain, agree, _, _ = _asked(smooth, wheelbase, drives)
     return gain if abs(agree) > _AGREE else 0.0
+
+
+def a_y_of_turning(data: Dataset) -> float:
+    """a_y over v_x r at low frequencies, to which body roll adds; 0 where a_y is not logged or does not follow. [-]"""
+    if "a_y" not in data:
+        return 0.0
+    parts, smooth, _ = _smoothed(data.experiments, ["v_x", "r", "a_y"])
+    slope, agree = slope_of(smooth["v_x"] * smooth["r"], smooth["a_y"]) if parts else (0.0, 0.0)
+    return slope if agree > _FOLLOWS else 0.0
 
 
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
@@ -320,8 +330,8 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     turned = _turned(smooth, drives)
     if turned:
         return [
-            f"v_y is {turned:.2g} of v_x on a straight: its sensor is turned by {np.rad2deg(turned):.2g} deg; subtract "
-            "that share of v_x from it"
+            f"v_y is {turned:.2g} of v_x on a straight: {TURNED} {np.rad2deg(turned):.2g} deg; subtract that share of "
+            "v_x from it"
         ]
     squares, told = _slips(smooth, drives)
     if _is_angle(smooth, drives, wheelbase, told):

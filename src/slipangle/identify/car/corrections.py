@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,13 @@ from slipangle.models.vehicles.steering import Steered
 
 DOWNFORCE = ("downforce_f", "downforce_r")
 LOCKED = ("locked_half_track",)
+LEVER = ("lever_v_y",)
+SCALE = ("gain_v_y",)
 SPEED = ("gain_v_x",)
 REAR = ("gain_delta_r",)
 RATE = ("steering_rate",)
 LOADS = ("height", "load_lag", "drive_rear", "brake_rear")
+_STOOD_IN = {"lever_v_y": 0.0, "gain_v_y": 1.0}  # for a locked axle
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _RATES = (0.5, 0.2)  # limit of the steering's rate where its search starts, over the fastest that was steered
@@ -39,7 +42,7 @@ class Correction:
     starts: tuple[Mapping[str, float], ...] = ({},)
     own: tuple[str, ...] = ()  # of `free`, those with a value for each recording
     around: Callable[[Any], Any] = lambda model: model  # what makes the car one that has them
-    instead: tuple[str, ...] = ()  # parameters that may have stood in for it, and are not needed beside it
+    instead: Mapping[str, float] = field(default_factory=dict)  # what may have stood in for it, at none
     beside: tuple[str, ...] = ()  # parameters without which there is no such thing
 
     def adds_nothing_to(self, free: tuple[str, ...], own: tuple[str, ...]) -> bool:
@@ -82,12 +85,13 @@ def corrections(
         ),
     ]
     if "v_y" in data.outputs:
-        listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
+        listed.insert(-1, Correction("the place of the v_y sensor is free", LEVER))
+        listed.insert(-1, Correction("the scale of the v_y sensor is free", SCALE))
     if "a_y" in data.outputs:
         listed.insert(-1, Correction("place and scale of the a_y sensor are free", ("lever_a_y", "gain_a_y")))
     if {"v_y", "a_y"} & {*data.outputs}:
         listed.append(
-            Correction("the rear wheels turn as one", LOCKED, ({LOCKED[0]: 0.25 * wheelbase},), instead=("lever_v_y",))
+            Correction("the rear wheels turn as one", LOCKED, ({LOCKED[0]: 0.25 * wheelbase},), instead=_STOOD_IN)
         )
     if _brakes(data):
         listed.insert(3, Correction("braking shifts loads and takes grip", LOADS, around=_loaded))

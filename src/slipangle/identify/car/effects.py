@@ -7,7 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, RATE, REAR, SLOW, SPEED, Correction
+from slipangle.identify.car.corrections import (
+    DOWNFORCE,
+    FAST,
+    LEVER,
+    LOCKED,
+    RATE,
+    REAR,
+    SCALE,
+    SLOW,
+    SPEED,
+    Correction,
+)
 from slipangle.identify.car.structures import (
     AS_GOOD,
     ELSEWHERE,
@@ -17,6 +28,7 @@ from slipangle.identify.car.structures import (
     corrected,
     errors,
     fit,
+    fit_error,
     free_runs,
 )
 from slipangle.identify.car.uncertainty import covariance
@@ -27,16 +39,21 @@ _AWAY = 0.1  # by how much farther from the given one, as a logarithm, a locked 
 _SHARP = 0.05  # half of the steering's largest rate's interval, over it, at most
 _SLOWED = 0.05  # of what the outputs move by, the least that such a rate changes
 _NO_LIMIT = 1e6  # rad/s, of a steering's rate
-_NONE_OF = {DOWNFORCE: 0.0, LOCKED: 0.0, RATE: np.inf}  # what an effect is where there is none
-_SCALES = {SPEED: 0.03, REAR: 0.1}  # of a logged speed or angle, the least by which one is said to be wrong
+_NONE_OF = {DOWNFORCE: 0.0, LOCKED: 0.0, RATE: np.inf, SCALE: 1.0}  # what an effect is where there is none
+_SCALES = {
+    SPEED: 0.03,
+    SCALE: 0.05,
+    REAR: 0.1,
+}  # of what is logged, the least by which one is said to be wrong
 _DOES = {"drive_rear": "drives", "brake_rear": "slows"}  # the car, by that share of it on the rear wheels
 _TELLING = 0.5  # wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
-# are more, as cars that roll much asked for one by up to 3.7.
+# are more, as cars that roll much asked for one by up to 3.7, and of v_y's, beside its sensor's place, by as much.
 _SURE, _SURE_SPEED = (1.96, 3.92), (4.0, 6.0)
 _BRUSHES = 0.5  # how far brushes count that explain a log just as well, as real tires are in between
+_HEARD = 0.5  # share of v_y's variance that is explained at least where its scale is told
 _ANY = 2.0  # of what needs no other proof than that it helps
 
 
@@ -46,24 +63,40 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
     Downforce adds a tenth to an axle's load in fast driving, as wings do, a locked axle a tenth to the yaw damping, and
     stretches of unlike speed and size agree that there is some. A largest rate of the steering is sharp and changes the
     outputs by a twentieth, else it stands in for a lag of another shape. A speed is wrong by a few percent or more,
-    rear wheels by a tenth. Lift of that size has no car that is driven so fast: it is what roads and drivers do with
-    speed.
+    rear wheels by a tenth; a v_y sensor of another scale reads what is explained on it, and is elsewhere too from a
+    twentieth of the wheelbase on. Lift of that size has no car that is driven so fast: it is what roads and drivers do
+    with speed.
     """
-    if names not in (DOWNFORCE, LOCKED, RATE, *_SCALES):
+    lever = names == LEVER and {*SCALE} <= {*fitted.free}
+    if not lever and names not in (DOWNFORCE, LOCKED, RATE, *_SCALES):
         return _ANY
+    if names == SCALE and explained(fitted)[fitted.model.outputs.index("v_y")] < _HEARD:
+        return 0.0
     std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[[fitted.names.index(name) for name in names]], 0.0))
     if names == DOWNFORCE:
         size = (_ratios(fitted, FAST) - 1.0) / _LEAST
     elif names == LOCKED:
         size = np.array([fitted.model.ode.params.locked_share / _RESISTS])
+    elif lever:
+        size = np.array([abs(fitted.values[LEVER[0]]) / (ELSEWHERE * fitted.model.value("wheelbase"))])
     elif names == RATE:
         sharp = _SHARP * fitted.values[RATE[0]] / np.maximum(_SURE[0] * std, 1e-300)
         size = np.minimum(sharp, _slowed(fitted) / _SLOWED)
     else:
         size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALES[names]
-    none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED else _SURE
+    beside = names == SCALE and {*LEVER} <= {*fitted.free}
+    none, (just, whole) = float(names in _SCALES), _SURE_SPEED if names == SPEED or beside else _SURE
     away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
     return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
+
+
+def explained(fitted: Fitted) -> np.ndarray:
+    """Share of each output's variance that is explained, of v_y but for what a turned sensor reads of the speed. [-]"""
+    data, moves = fitted.problem.data, []
+    for name in fitted.model.outputs:
+        zeros = np.column_stack([np.ones(len(data)), data["v_x"] * (name == "v_y")])
+        moves.append(np.std(data[name] - zeros @ np.linalg.lstsq(zeros, data[name], rcond=1e-9)[0]))
+    return 1 - (fitted.sigma / np.maximum(moves, 1e-300)) ** 2
 
 
 def _slowed(fitted: Fitted) -> float:
@@ -96,6 +129,25 @@ def turned_away(first: Fitted, before: Fitted, after: Fitted) -> bool:
     given, *found = (f.model.value("steering_gain") for f in (first, before, after))
     was, now = np.abs(np.log(np.abs(np.array(found) / given)))
     return bool(now > was + _AWAY)
+
+
+def outdone(before: Fitted, after: Fitted, by: Correction, data: Dataset) -> bool:
+    """Whether the place or the scale of the v_y sensor, or a scale of v_x, explains more than what was tried, alone.
+
+    Each of them, and a locked axle, takes a part of what another does: a fault is what explains most by itself. Two of
+    them together explain any log a little better, with neither at its value. A scale of v_y is that of r, upside down:
+    motion that is larger as a whole is that of larger steering.
+    """
+    if by.free not in (LEVER, SCALE, LOCKED):
+        return False
+    for names in (LEVER, SCALE, SPEED):
+        if {*names} & {*after.free, *before.free, *before.own}:
+            continue
+        gain = ("steering_gain",) if names == SPEED and "steering_gain" not in before.own else ()
+        other = fit(before.model, tuple(dict.fromkeys((*before.free, *names, *gain))), data, before, own=before.own)
+        if fit_error(other) < fit_error(after) and told(other, names) >= 1.0:
+            return True
+    return False
 
 
 def extrapolated(fitted: Fitted) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset, require_dataset
-from slipangle.data.quality.plausible import LONGEST_STEP, doubts, kinematic_gain
+from slipangle.data.quality.plausible import LONGEST_STEP, TURNED, doubts, kinematic_gain
 from slipangle.data.quality.smooth import smoothed
 from slipangle.errors import (
     IdentifiabilityWarning,
@@ -23,27 +23,25 @@ from slipangle.errors import (
 )
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
+from slipangle.identify.car.climb import climb, linear_bicycle
 from slipangle.identify.car.corrections import Correction, corrections
-from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good, told, turned_away
+from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
 from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
-from slipangle.identify.car.stretches import stretches, together
+from slipangle.identify.car.sensors import of_either_scale, scales, sensors
+from slipangle.identify.car.side_slip import side_slip
+from slipangle.identify.car.stretches import Stretches, stretches, together
 from slipangle.identify.car.structures import (
     ADDED,
-    AIDS_LATE,
     STIFF,
     Fitted,
     Others,
     Stage,
-    change,
-    corrected,
-    errors,
     first_guess,
     fit,
-    helps,
 )
 from slipangle.identify.car.uncertainty import hull
 from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
@@ -54,7 +52,6 @@ from slipangle.models.wrappers.delayed import Delayed
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
-_ROUNDS = 4  # over the corrections that did not help
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
@@ -154,6 +151,10 @@ class WholeCar(Checked):
             raise ParameterError(f"per_experiment {wrong}; expected each once, of {', '.join(_OWN)}")
 
     @property
+    def _known(self) -> dict[str, float]:
+        return {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
+
+    @property
     def _own(self) -> tuple[str, ...] | None:
         """Parameters with a value for each recording; None where that is to be found out."""
         return None if isinstance(self.per_experiment, str) else tuple(self.per_experiment)
@@ -177,17 +178,16 @@ class WholeCar(Checked):
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
         logged = data.select(inputs=inputs, outputs=self._outputs(data))
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
-        known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
-        weight = weight_doubt(self.mass, self.wheelbase)
+        known, weight = self._known, weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
-            told_once = ".*" if weight else ".* hold the same samples"  # below, and by a doubt
-            warnings.filterwarnings("ignore", told_once, ModelWarning)
+            said_below = ".*" if weight else ".* hold the same samples"
+            warnings.filterwarnings("ignore", said_below, ModelWarning)
             start = first_guess(**known, dt=data.dt, outputs=logged.outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
-            linear = partial(_linear, start, own or (), elsewhere)
-            suspect = doubts_with_rear(turned, self.wheelbase, linear, whole)
+            linear = partial(linear_bicycle, start, own or (), elsewhere)
+            suspect = self._suspect(turned, linear, whole)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
-            best, stages, dropped = _climb(linear(whole.train), tried, whole.train, whole.held_out)
+            best, stages, dropped = climb(linear(whole.train), tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
             final, stages = believed(final, stages, whole.all)
             others, mended = _others(final, dropped, whole.all)
@@ -197,12 +197,13 @@ class WholeCar(Checked):
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
-        wrong = (*left, *suspect, *filter(None, [weight]), *sentences.sensors(final, spread), *odd)
+        wrong = (*left, *suspect, *filter(None, [weight]), *sensors(final, spread), *odd)
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),
             *sentences.speed(final, others),
+            *scales(final, limits, turned),
             *sentences.between(final),
             *in_words(final, limits, used),
             *sentences.bounds(final, used),
@@ -249,6 +250,12 @@ class WholeCar(Checked):
                     f"per_experiment names '{name}', and '{data.name}' has no output {channel}; expected one"
                 )
 
+    def _suspect(self, data: Dataset, fitted: Callable[[Dataset], Fitted], whole: Stretches) -> tuple[str, ...]:
+        """Sentences about channels that contradict each other, but for a v_y sensor that is turned, as fits mend it."""
+        found = doubts_with_rear(data, self.wheelbase, fitted, whole)
+        said = tuple(s for s in found if TURNED not in s or s.startswith("in recording"))
+        return said if any("side slip angle" in s for s in said) else (*said, *side_slip(fitted, whole))
+
     def _outputs(self, data: Dataset) -> tuple[str, ...]:
         """The yaw rate, v_y where measured; a_y where v_y is not or its bias is asked for, see `identify_car`."""
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
@@ -268,7 +275,8 @@ class WholeCar(Checked):
         check = f"which M_z can check as far as its own scale is known: it turns the car as {moment}"
         return (
             f"C_f, C_r and inertia_z are in proportion to the mass that was given, {self.mass:g} kg, "
-            f"{check if moment else 'which no log of the motion can check'}: weigh the car as it was driven"
+            f"{check if moment else 'which no log of the motion can check'}: weigh the car as it was driven; C_f and "
+            "C_r are in proportion to the square of the speed too, inertia_z to it: check v_x over a known distance"
         )
 
 
@@ -319,44 +327,6 @@ def identify_car(
     return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, **how).identify(together(data))
 
 
-def _linear(start: Any, own: tuple[str, ...], elsewhere: dict[str, float], train: Dataset) -> Fitted:
-    """The linear bicycle with its steering's offset; a gain of each recording's own starts ``elsewhere``, if it may."""
-    late = (f"delay_{name}" for name in AIDS_LATE if name in train.inputs)  # 5 ms of rear wheels make a moment of 1.4
-    scaled = ("gain_M_z",) if "M_z" in train.inputs else ()
-    shared = tuple(n for n in (*STIFF, "steering_offset", *late, *scaled) if n not in own)
-    return fit(start.with_values(**elsewhere) if "steering_gain" in own else start, shared, train, own=own)
-
-
-def _climb(
-    first: Fitted, tried: tuple[Correction, ...], train: Dataset, held: Dataset
-) -> tuple[Fitted, list[Stage], list[Correction]]:
-    """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
-    best, at = first, errors(first, held)
-    stages = [_stage("the linear bicycle with its steering's offset", True, first, at, 0.0)]
-    dropped, replaced, failed_on = list(tried), list[Correction](), dict[str, Fitted]()
-    for _ in range(_ROUNDS):  # what did not help a poor model may help a better one
-        waiting, dropped = dropped, []
-        for correction in waiting:
-            if correction.adds_nothing_to(best.free, best.own):
-                continue
-            if failed_on.get(correction.said) is best:
-                dropped.append(correction)
-                continue
-            other = corrected(best, correction, train)
-            then = errors(other, held)
-            kept = helps(best, other, at, then) and told(other, correction.free) >= 1.0
-            kept = kept and not turned_away(first, best, other)
-            stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
-            if kept:
-                gone = {*best.free} - {*other.free} - {*other.own}
-                replaced += [c for c in tried if {*c.free} & gone]
-                best, at = other, then
-            else:
-                failed_on[correction.said] = best
-                dropped.append(correction)
-    return best, stages, [*dropped, *replaced]
-
-
 def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Others, list[str]]:
     """Structures as good, those of a log that is mended with them, and what is to be mended."""
     others, late = with_lateness(final, others_as_good(final, dropped, data), data)
@@ -373,6 +343,7 @@ def _limits(final: Fitted, others: Others) -> tuple[np.ndarray, np.ndarray, str]
         share = floors.get(name, 0.0) + at_rest.get(name, 0.0)
         limits[i] += np.array([-1.0, 1.0]) * share * abs(final.values[name])
     _hold(final, limits)
+    of_either_scale(final, limits)
     lowest, highest = final.problem.ranges
     return spread, np.clip(limits, lowest[:, None], highest[:, None]), how
 
@@ -391,8 +362,3 @@ def _hold(final: Fitted, limits: np.ndarray) -> None:
     early = np.sqrt(found**2 + held) - found
     for i, name in enumerate(final.problem.base_names):
         limits[i, 0] -= early if name == "delay_delta" else 0.0
-
-
-def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: float) -> Stage:
-    rms = np.sqrt(squares.mean(axis=0))
-    return Stage(correction=said, kept=kept, error=rms, change=moved, values=fitted.values)

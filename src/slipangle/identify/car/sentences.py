@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.recordings import recordings
-from slipangle.identify.car.corrections import LOADS, SPEED, fastest_steering, friction_used
+from slipangle.identify.car.corrections import LOADS, SPEED, friction_used
+from slipangle.identify.car.effects import explained
 from slipangle.identify.car.left_over import HOLD, NO_HOLD
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Others, Stage, settling, worth
@@ -21,18 +22,16 @@ _NOTHING = 1e-3  # of the upper limit, up to which the lower one is none
 _APART = 0.015, 0.25  # half width of delay and lag from which they are not told apart: s, and share of their sum
 _WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
 _MOVED = 0.05  # change of a parameter that is worth a sentence
-_STAIRS = 0.6  # of the angle by which a steering at its largest rate is behind, that delta moves in one sample at most
-_OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
 _MOMENT = (0.9, 1.11)  # of what a logged yaw moment, or rear wheels, do over what they say, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
-_LATE = 0.25  # s, of delay and lag together, that no steering has
 _WEIGHT = (0.2, 0.8)  # of the wheelbase, between which is any car's centre of gravity
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
 _LEFT_OUT = 0.4  # share of the driving from which it is said that it was not used
+_SOUND = {"lever_v_y": 0.0, "gain_v_y": 1.0, "turn_v_y": 0.0}  # a v_y sensor that reads what there is
 _DEAF = 0.1  # share of the outputs' variance up to which nothing is explained
 
 
@@ -163,33 +162,6 @@ def turning(final: Fitted, first: float) -> list[str]:
     ]
 
 
-def sensors(final: Fitted, spread: np.ndarray) -> list[str]:
-    """Sensors whose zero is far off, and a steering that is late, or slower than it is logged."""
-    said = []
-    for i, (name, base) in enumerate(zip(final.names, final.problem.base_names, strict=True)):
-        if name.startswith("bias_"):
-            channel, value, sd = base.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
-            size = float(np.std(final.problem.data[channel]))
-            if abs(value) > max(_OFFSET * size, 4 * sd):
-                unit, where = final.model.si(base).unit, name.removeprefix(base)
-                where = f" in recording {where[1:-1]}" if where else ""
-                said.append(
-                    f"{channel} has an offset of {value:.3g} {unit}{where}, corrected in the fit: zero the sensor"
-                )
-    late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
-    if late > _LATE:
-        said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
-    if "steering_rate" in final.values:
-        most = final.model.dt * fastest_steering(final.problem.data, 0.95)
-        if most > _STAIRS * final.values["steering_rate"] * final.values["steering_lag"]:
-            said.append(
-                f"delta moves by {most:.2g} rad between two samples, and the steering reaches its largest rate within "
-                f"one: what it does in between decides where the wheels are; log at more than {1 / final.model.dt:.3g} "
-                "Hz; until then no interval holds"
-            )
-    return said
-
-
 def acting(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> str:
     """How a yaw moment acts that was logged, over what it says, with ``limits`` of shape (n_names, 2); "" of none."""
     if "gain_M_z" not in names:
@@ -256,7 +228,7 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: 
 
 def _unexplained(final: Fitted) -> list[str]:
     """Outputs that have nothing to do with steering and speed: all of them, or some, which then spoil the others."""
-    told = 1 - (final.sigma / np.maximum(np.std(final.problem.data.y, axis=0), 1e-300)) ** 2
+    told = explained(final)
     shares = [f"{100 * max(share, 0.0):.0f} % of {n}" for n, share in zip(final.model.outputs, told, strict=True)]
     lost, heard = (
         [s for s, share in zip(shares, told, strict=True) if (share < _DEAF) == deaf] for deaf in (True, False)
@@ -282,9 +254,7 @@ def friction_reached(final: Fitted) -> float:
     found, data, models = [], final.problem.data, dict[int, Any]()
     for part, recording in zip(data.experiments, recordings(data), strict=True):
         if recording not in models:  # whose functions are built once
-            models[recording] = (
-                final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
-            )
+            models[recording] = final.model_of(recording).with_values(**_SOUND).resampled(part.dt, outputs=("v_y",))
         model = models[recording]
         first = model.memory - 1
         inputs = part.select(inputs=model.inputs).u[first:]

@@ -225,6 +225,8 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
+        "gain_v_y": (1.0, 0.1, False),
+        "turn_v_y": (0.0, 0.02, False),
         "lever_a_y": (0.0, 0.1 * p.wheelbase, False),
         "gain_a_y": (1.0, 0.1, False),
         "gain_v_x": (1.0, 0.05, False),
@@ -308,16 +310,16 @@ def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
 
     def best(model: Any, free: tuple[str, ...]) -> Fitted:
         tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
-        return min(tried, key=_error)
+        return min(tried, key=fit_error)
 
     found, idle = best(model, free), [n for n in by.instead if n in free]
     if not idle:
         return found
-    alone = best(model.with_values(**dict.fromkeys(idle, 0.0)), tuple(n for n in free if n not in idle))
-    return alone if 2.0 * (_error(alone) - _error(found)) < AS_GOOD * len(found.sigma) else found
+    alone = best(model.with_values(**{n: by.instead[n] for n in idle}), tuple(n for n in free if n not in idle))
+    return alone if 2.0 * (fit_error(alone) - fit_error(found)) < AS_GOOD * len(found.sigma) else found
 
 
-def _error(fitted: Fitted) -> float:
+def fit_error(fitted: Fitted) -> float:
     """Logarithm of the free-run errors, their sum over the outputs."""
     return float(np.log(fitted.sigma).sum())
 

@@ -72,7 +72,8 @@ class RearSteered(OdeWrapper):
         away = angle * float(car.slip_speed(float(data["v_x"][0])))
         straight = data.with_channel("delta", data["delta"] - angle / self.params.steering_gain, "rad")
         if "v_y" in data:
-            straight = straight.with_channel("v_y", data["v_y"] - away, "m/s")
+            read = getattr(self.params, "gain_v_y", 1.0) * away
+            straight = straight.with_channel("v_y", data["v_y"] - read, "m/s")
         x = np.array(super().initial_state(straight), dtype=float)
         x[self.states.index("v_y")] += away[0]
         return x

@@ -47,6 +47,12 @@ class SaturatingBicycleParams(BicycleParams):
     lever_v_y: Annotated[float, SI("m", "place where v_y is measured, ahead of the centre of gravity", -10.0, 10.0)] = (
         0.0
     )
+    gain_v_y: Annotated[float, SI("-", "measured over true lateral velocity", 0.2, 5.0)] = field(
+        default=1.0, metadata=_NEW
+    )
+    turn_v_y: Annotated[float, SI("rad", "angle of the v_y sensor, to the right of straight ahead", -0.5, 0.5)] = field(
+        default=0.0, metadata=_NEW
+    )
     lever_a_y: Annotated[float, SI("m", "place where a_y is measured, ahead of the centre of gravity", -10.0, 10.0)] = (
         field(default=0.0, metadata=_NEW)
     )
@@ -172,7 +178,7 @@ class SaturatingBicycle(OdeModel):
         """What a sensor reads more than one without a bias at the centre of gravity."""
         p = self.params
         if name == "v_y":
-            return p.lever_v_y * x[1]
+            return (p.gain_v_y - 1) * x[0] + p.gain_v_y * p.lever_v_y * x[1] + p.turn_v_y * p.gain_v_x * u[1]
         if name != "a_y":
             return 0.0
         F_yf, F_yr, M_z = self._forces(x, u, self._acting(x, u))
@@ -180,17 +186,22 @@ class SaturatingBicycle(OdeModel):
         return (p.gain_a_y - 1) * (F_yf + F_yr) / p.mass + p.gain_a_y * p.lever_a_y * r_dot
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """States that are outputs take their measured values at the centre of gravity, without biases."""
+        """States that are outputs take their true values at the centre of gravity."""
         x = super().correct(x, u, y)
-        lever = self.params.lever_v_y if "v_y" in self.outputs else 0.0
-        return stack([x[0] - lever * x[1], *(x[i] for i in range(1, self.n_states))])
+        v_y = self._true_v_y(x[0], x[1], u[1]) if "v_y" in self.outputs else x[0]
+        return stack([v_y, *(x[i] for i in range(1, self.n_states))])
+
+    def _true_v_y(self, read: Scalar, r: Scalar, v_x: Scalar) -> Scalar:
+        """At the centre of gravity, of what the sensor reads without its bias. [m/s]"""
+        p = self.params
+        return (read - p.turn_v_y * p.gain_v_x * v_x) / p.gain_v_y - p.lever_v_y * r
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State of the first sample, with the v_y of steady cornering unless it was measured."""
         p, r = self.params, self._start("r", data)
         v = self.slip_speed(float(data["v_x"][0]))
         if "v_y" in data:
-            return np.array([self._start("v_y", data) - p.lever_v_y * r, r], dtype=float)
+            return np.array([self._true_v_y(self._start("v_y", data), r, float(data["v_x"][0])), r], dtype=float)
         C_r = p.C_r * p.load_ratios(v)[1]
         arm = p.l_r + p.locked_half_track**2 / p.wheelbase - p.mass * p.l_f * v * v / (p.wheelbase * C_r)
         return np.array([r * arm, r], dtype=float)
