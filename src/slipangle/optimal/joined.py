@@ -189,11 +189,6 @@ class Joined(OCP):
         once = [*base.free.values(), *([] if base.duration is None else [base.duration])]
         return [*once, *(free for _ in self.controls[len(base.controls) + len(once) :])]
 
-    @property
-    def _bends(self) -> np.ndarray:
-        """Where the Huber costs are bent, shape (n_huber,)."""
-        return np.array(list(self.base.huber.values()), dtype=float)
-
     def _limited_at(self, held: int) -> np.ndarray:
         base, n = self.base, self.base.horizon
         own, first = len(base.limited), len(base.limited) + len(base.huber)
