@@ -9,7 +9,18 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import Correction
 from slipangle.identify.car.effects import outdone, told, turned_away
-from slipangle.identify.car.structures import AIDS_LATE, STIFF, Fitted, Stage, change, corrected, errors, fit, helps
+from slipangle.identify.car.structures import (
+    AIDS_LATE,
+    STIFF,
+    Fitted,
+    Stage,
+    as_good,
+    change,
+    corrected,
+    errors,
+    fit,
+    helps,
+)
 
 _ROUNDS = 4  # over the corrections that did not help
 
@@ -30,6 +41,7 @@ def climb(
     best, at = first, errors(first, held)
     stages = [_stage("the linear bicycle with its steering's offset", True, first, at, 0.0)]
     dropped, replaced, failed_on = list(tried), list[Correction](), dict[str, Fitted]()
+    stood_in = set[str]()  # what may have stood in for a correction that is kept
     for _ in range(_ROUNDS):  # what did not help a poor model may help a better one
         waiting, dropped = dropped, []
         for correction in waiting:
@@ -42,10 +54,12 @@ def climb(
             then = errors(other, held)
             kept = helps(best, other, at, then) and told(other, correction.free) >= 1.0
             kept = kept and not turned_away(first, best, other) and not outdone(best, other, correction, train)
+            kept = kept and not ({*correction.free} <= stood_in and as_good(best, other))
             stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
             if kept:
                 gone = {*best.free} - {*other.free} - {*other.own}
                 replaced += [c for c in tried if {*c.free} & gone]
+                stood_in |= {*correction.instead}
                 best, at = other, then
             else:
                 failed_on[correction.said] = best

@@ -316,7 +316,12 @@ def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
     if not idle:
         return found
     alone = best(model.with_values(**{n: by.instead[n] for n in idle}), tuple(n for n in free if n not in idle))
-    return alone if 2.0 * (fit_error(alone) - fit_error(found)) < AS_GOOD * len(found.sigma) else found
+    return alone if as_good(alone, found) else found
+
+
+def as_good(alone: Fitted, found: Fitted) -> bool:
+    """Whether a structure with fewer parameters fits about as well."""
+    return 2.0 * (fit_error(alone) - fit_error(found)) < AS_GOOD * len(found.sigma)
 
 
 def fit_error(fitted: Fitted) -> float:
