@@ -5,25 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.codegen import compiler
 from slipangle.export.drives import standard_drive
 from slipangle.export.fmi import export_fmu
 from slipangle.paths.lane_change import double_lane_change
+from tests.export import test_fmi
 from tests.export.test_drivers import driver
 from tests.export.test_fmi import BOTH, Slave
 from tests.export.test_mpc import STANLEY
 from tests.models.all_models import ALL_MODELS
 
-pytest.importorskip("fmpy", reason="fmpy is not installed: pip install --group export")
-pytestmark = [
-    pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence()),
-    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
-]
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+pytestmark, quick = test_fmi.pytestmark, test_fmi.quick
 
 
 @BOTH

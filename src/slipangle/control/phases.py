@@ -18,6 +18,7 @@ from slipangle.fields import Checked, Within
 from slipangle.models.model import without_caches
 from slipangle.numerics.per_thread import built
 from slipangle.optimal.arrays import applied_input, short, vector
+from slipangle.optimal.checks import is_number
 from slipangle.optimal.engine import Engine, Start
 from slipangle.optimal.guess import Guess
 from slipangle.optimal.linked import Linked
@@ -264,8 +265,7 @@ def _before(later: Any, known: PhasedPlan | None, phases: Sequence[OCP]) -> Phas
     """
     if later is None:
         return None
-    number = isinstance(later, int | float | np.number) and not isinstance(later, bool)
-    if not number or not 0 <= later < np.inf:
+    if not is_number(later) or not 0 <= later < np.inf:
         raise ParameterError(f"later is {short(later)}; expected the time since the plan before, 0 or more [s]")
     own = [] if known is None else [(p.states, p.controls, p.u.shape) for p in known.phases]
     if known is None or own != [(p.model.states, p.controls, (p.horizon, len(p.controls))) for p in phases]:

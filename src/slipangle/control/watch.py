@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from slipangle.control.commands import HINDERED, UNSURE
 from slipangle.data.headings import TURN
@@ -28,6 +29,29 @@ _FIRST, _END = len(HINDERED), len(HINDERED) + len(UNSURE)
 LOST, SPEED_LOST, CONTRADICTED, TURN_CONTRADICTED, ENDED, FACING_AWAY, RECEDING, BESIDE = range(_FIRST, _END)
 
 
+class Blind:
+    """How far a position may be off since it was believed last, by errors of speed and yaw rate that no filter knows.
+
+    Attributes
+    ----------
+    off : float
+        That. [m]
+    """
+
+    numbers: ClassVar[dict[str, float]] = {"WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF}  # for its C
+
+    def __init__(self) -> None:
+        self.off, self._seen = 0.0, 0.0
+
+    def move(self, way: float, now: float) -> None:
+        """The car moved on so far [m], until now. [s]"""
+        self.off += abs(way) * (WAY_OFF + TURN_OFF * (now - self._seen))
+
+    def see(self, now: float) -> None:
+        """The position is believed now, or is all that is known of a car that stands. [s]"""
+        self.off, self._seen = 0.0, now
+
+
 class Watch:
     """Whether the car may go on.
 
@@ -47,7 +71,7 @@ class Watch:
         self._turn_slow = TURN_SLOW / math.sqrt(size)
         self._told: dict[str, float] = {}
         self._from: tuple[float, float, float] | None = None
-        self._way, self._blind, self._seen, self._odd, self._read = 0.0, 0.0, 0.0, 0, math.nan
+        self._way, self._odd, self._read, self._blind = 0.0, 0, math.nan, Blind()
         self._headed: tuple[float, float] | None = None
         self._turned, self._odd_turns = 0.0, 0
         self._nearest = math.inf  # least distance since the car was far beside the path
@@ -55,10 +79,11 @@ class Watch:
     @property
     def numbers(self) -> dict[str, float]:
         """What it goes by, for its C."""
-        known = {"SPEED_GAP": SPEED_GAP, "POSE_GAP": POSE_GAP, "WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF}
+        known = {"SPEED_GAP": SPEED_GAP, "POSE_GAP": POSE_GAP}
         known |= {"WINDOW": self._window, "SLOW": self._slow, "APART": APART, "TWICE": TWICE, "LONG": LONG}
         known |= {"TURN_SLOW": self._turn_slow}
-        return {f"WATCH_{n}": v for n, v in (known | {"MOST_TURN": MOST_TURN, "AWAY": AWAY, "FAR": self._far}).items()}
+        known |= {"MOST_TURN": MOST_TURN, "AWAY": AWAY, "FAR": self._far}
+        return Blind.numbers | {f"WATCH_{n}": v for n, v in known.items()}
 
     def note(self, name: str, t: float) -> None:
         """A channel said at a time [s] what can be, new or as before."""
@@ -75,13 +100,11 @@ class Watch:
     def move(self, now: float, v_x: float, seconds: float, position: tuple[float, float] | None) -> None:
         """Count the way by the speed [m/s] since the last call, and set it beside that from position to position.
 
-        Since the position was taken in, errors of speed and yaw rate that no filter knows add up.
-
         A speed that contradicts the positions is believed again when they agree and it reads otherwise than then: one
         that is stuck agrees as well, when the car has come down to it.
         """
         way = 0.0 if math.isnan(v_x) else v_x * seconds
-        self._blind += abs(way) * (WAY_OFF + TURN_OFF * (now - self._seen))
+        self._blind.move(way, now)
         self._way += way
         if position is None:
             return
@@ -121,7 +144,7 @@ class Watch:
 
     def see(self, now: float) -> None:
         """The position was taken in, or is all that is known of a car that stands."""
-        self._blind, self._seen = 0.0, now
+        self._blind.see(now)
 
     def reason(self, now: float, std: float, at: tuple[float, float, float]) -> int:
         """Why the car should stop, or that it is far beside the path: a place in `UNSURE` after `HINDERED`; else 0.
@@ -130,7 +153,7 @@ class Watch:
         [rad].
         """
         s, e_y, e_psi = at
-        if not std + self._blind <= self._lost:
+        if not std + self._blind.off <= self._lost:
             return LOST
         if not self.speed_known(now):
             return SPEED_LOST

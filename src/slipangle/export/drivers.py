@@ -111,7 +111,7 @@ def _source(driver: Driver) -> str:
     ]
     codes = CODES if driver._turns else CODES | {"HEADING": NO_HEADING}
     code = template("driver.c").replace("@MEMORY@", template("driver_memory.c"))
-    code = code.replace("@WATCH@", template("driver_watch.c"))
+    code = code.replace("@WATCH@", template("blind.c") + template("driver_watch.c"))
     return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), code])
 
 

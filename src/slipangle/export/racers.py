@@ -17,7 +17,7 @@ from slipangle.control.racing.racer import BOLD, CREEPING, NO_FORCE, SPIN, STOP,
 from slipangle.control.racing.sectors import ENOUGH, KEPT, SLOWER, STEP
 from slipangle.control.racing.sectors import LEAST as LEAST_TRIAL
 from slipangle.control.racing.sensing import POSE, RANGES, WANTED, WHOLE, Sensing
-from slipangle.control.watch import TURN_OFF, WAY_OFF
+from slipangle.control.watch import Blind
 from slipangle.data.channels import Quantity
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import number, table
@@ -106,7 +106,8 @@ def _source(racer: Racer) -> str:
         f"#define DELAY {delay}",
         f"#define WAITING {max(delay, 1)}",
     ]
-    code, inside = template("racer.c"), {"MEMORY": "driver_memory", "LEARNS": "racer_learns", "PLANS": "racer_plans"}
+    inside = {"BLIND": "blind", "MEMORY": "driver_memory", "LEARNS": "racer_learns", "PLANS": "racer_plans"}
+    code = template("racer.c")
     for mark, file in inside.items():
         code = code.replace(f"@{mark}@", template(f"{file}.c"))
     return "\n".join([*parts, code])
@@ -136,7 +137,7 @@ def _of_filter(racer: Racer) -> list[str]:
     grip = float(racer.sensing.filter.model.value("grip"))
     numbers = {"GRIP": grip, "SETTLING": racer.sample / racer._settling, "EVERY": racer._every}
     numbers |= {"AT_X": model.outputs.index("X"), "AT_Y": model.outputs.index("Y")}
-    numbers |= {"WAY_OFF": WAY_OFF, "TURN_OFF": TURN_OFF, "UNCERTAIN": racer.sensing._uncertain}
+    numbers |= {**Blind.numbers, "UNCERTAIN": racer.sensing._uncertain}
     return [*lines, *_defined(numbers)]
 
 

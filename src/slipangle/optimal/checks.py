@@ -22,6 +22,15 @@ _STUCK = Status.STALLED, Status.INFEASIBLE, Status.FAILED
 NUMBER = 1e150  # the square of anything larger is infinite
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether it is a number of Python or NumPy, which True and False are not.
+
+    >>> is_number(0.5), is_number(np.int64(2)), is_number(True), is_number("2")
+    (True, True, False, False)
+    """
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+
+
 class Plausible:
     """Ranges that values lie in unless a sensor, a clock or a unit is wrong.
 

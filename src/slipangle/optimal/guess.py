@@ -10,6 +10,7 @@ import numpy as np
 
 from slipangle.errors import ParameterError, shown
 from slipangle.optimal.arrays import array, short
+from slipangle.optimal.checks import is_number
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.terms import require_names
 from slipangle.shown import Brief
@@ -183,7 +184,7 @@ def _decided(ocp: OCP, given: Any) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, value in given.items():
         low, high = limits[name]
-        number = value if isinstance(value, int | float | np.number) and not isinstance(value, bool) else np.nan
+        number = value if is_number(value) else np.nan
         more = ROUNDING * (1.0 + abs(float(number)))
         if not low - more <= number <= high + more or not np.isfinite(number):
             raise ParameterError(

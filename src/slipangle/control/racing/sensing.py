@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slipangle.control.racing.on_road import OnRoad, RacingCar
-from slipangle.control.watch import TURN_OFF, UNCERTAIN, WAY_OFF
+from slipangle.control.watch import UNCERTAIN, Blind
 from slipangle.errors import SimulationError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.recursive import RecursiveVehicle
@@ -87,7 +87,7 @@ class Sensing:
         self._agreed, self.restarts = False, 0
         self._refused = dict.fromkeys(NOISE, 0)
         self._seen: dict[str, float] = {}
-        self._blind, self._placed = 0.0, 0.0
+        self._blind = Blind()
 
     def take(self, measurements: Mapping[str, float], inputs: Mapping[str, float], t: float) -> bool:
         """Take in channels by name, and ``delta`` [rad] and ``F_x`` [N], at a time [s]; whether a state is known."""
@@ -103,15 +103,11 @@ class Sensing:
                 self._drop(self._tracker)
         if self._tracker is not None:
             self._seen |= {name: t for name, good in zip(NOISE, self._tracker.taken, strict=True) if good}
-            self._move(float(self._tracker.state[3]), t)
+            if self._seen.get("X") == self._seen.get("Y") == t:
+                self._blind.see(t)
+            else:
+                self._blind.move(float(self._tracker.state[3]) * self.sample, t)
         return self._agreed
-
-    def _move(self, v_x: float, t: float) -> None:
-        """Since the position was believed last, errors of speed and yaw rate that no filter knows add up. [m/s, s]"""
-        if self._seen.get("X") == self._seen.get("Y") == t:
-            self._blind, self._placed = 0.0, t
-        else:
-            self._blind += abs(v_x) * self.sample * (WAY_OFF + TURN_OFF * (t - self._placed))
 
     def _possible(self, name: str, value: float) -> bool:
         """Whether a sensor that works can read that of a car; a value that it cannot counts as refused."""
@@ -155,7 +151,7 @@ class Sensing:
     @property
     def lost(self) -> bool:
         """Whether the position is not known any more."""
-        return not max(self.known.state_std[:2]) + self._blind <= self._uncertain
+        return not max(self.known.state_std[:2]) + self._blind.off <= self._uncertain
 
     @property
     def grip(self) -> tuple[float, float]:

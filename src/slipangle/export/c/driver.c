@@ -159,7 +159,7 @@ static int observe(Driver *d, int64_t behind)
         for (int i = 0; i < NY; i++)
             d->pending[i] = NAN;
         if (posed)
-            watch_see(&d->watch, d->now);
+            blind_see(&d->watch.blind, d->now);
         return moving != moving ? CAR_SPEED_UNKNOWN : CAR_STANDING;
     }
     int begun = 0;
@@ -184,7 +184,7 @@ static int observe(Driver *d, int64_t behind)
         d->pending[i] = NAN;
     }
     if (X >= 0 && Y >= 0 && d->seen[X] == d->now && d->seen[Y] == d->now)
-        watch_see(&d->watch, d->now);
+        blind_see(&d->watch.blind, d->now);
 #ifdef TRUSTED
     wonder(&d->filter, &d->surprise);
 #endif

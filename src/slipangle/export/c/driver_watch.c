@@ -4,10 +4,11 @@
 #define SPEED_GAP ((car_seconds)WATCH_SPEED_GAP)
 
 typedef struct {
-    car_seconds told[CAR_CHANNELS], from_t, seen; /* when each channel said what can be, NaN before; positions */
-    double from[2], way, blind, read, nearest; /* the last: least distance since it was far beside the path */
+    car_seconds told[CAR_CHANNELS], from_t; /* when each channel said what can be, NaN before; positions */
+    double from[2], way, read, nearest; /* the last: least distance since it was far beside the path */
     car_seconds headed_t;
     double headed, turned; /* heading at that time, and how far it turned since by the yaw rate */
+    Blind blind;
     int counted, odd, turns, odd_turns;
 } Watch;
 
@@ -34,7 +35,7 @@ static int pose_known(const Watch *w, car_seconds now)
 static void watch_move(Watch *w, car_seconds now, double v_x, double passed, int posed, double X, double Y)
 {
     double way = v_x == v_x ? v_x * passed : 0;
-    w->blind += fabs(way) * (WATCH_WAY_OFF + WATCH_TURN_OFF * (double)(now - w->seen)); /* errors that no filter knows */
+    blind_move(&w->blind, way, now);
     w->way += way;
     if (!posed)
         return;
@@ -76,13 +77,10 @@ static void watch_turn(Watch *w, car_seconds now, double r, double passed, int h
     w->turns = 1, w->headed_t = now, w->headed = psi, w->turned = 0;
 }
 
-/* The position was taken in, or is all that is known of a vehicle that stands. */
-static void watch_see(Watch *w, car_seconds now) { w->blind = 0, w->seen = now; }
-
 /* Why the vehicle should stop, or that it is far beside the path; else CAR_PLANNED. */
 static int watch_reason(Watch *w, car_seconds now, double std, double s, double e_y, double e_psi)
 {
-    if (!(std + w->blind <= LOST))
+    if (!(std + w->blind.off <= LOST))
         return CAR_LOST;
     if (!speed_known(w, now))
         return CAR_SPEED_LOST;

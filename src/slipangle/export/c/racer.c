@@ -21,6 +21,7 @@ typedef struct {
     double delta, F_x;
 } Asked;
 
+@BLIND@
 typedef struct {
     Filter filter;
     Learned learned;
@@ -29,8 +30,8 @@ typedef struct {
     Asked asked, heard, coming[WAITING]; /* of steering and pedals, last, as far as it came, and between, a ring */
     double steered, driving, braking;      /* what the vehicle has done of it */
     double s, from, turns, d_v_x, d_r;     /* from: where the drive began; d: what the model does not explain */
-    double blind; /* m that the position may be off by since it was believed, and no filter knows of */
-    car_seconds seen[NY], now, placed;
+    Blind blind;
+    car_seconds seen[NY], now;
     int64_t started, tick, asks, laps, restarts;
     int tracking, agreed, planned, lost, begun, gear, iterations;
     double seconds;
@@ -82,15 +83,6 @@ static int follows(Driver *d, const double *given)
 /* Forgets an estimate that is no vehicle's any more. */
 static void drop(Driver *d) { d->tracking = d->agreed = 0, d->restarts++; }
 
-/* Since the position was believed last, errors of speed and yaw rate that no filter knows add up. */
-static void move(Driver *d)
-{
-    if (d->seen[AT_X] == d->now && d->seen[AT_Y] == d->now)
-        d->blind = 0, d->placed = d->now;
-    else
-        d->blind += fabs(d->filter.now.z[3]) * CAR_DT * (WAY_OFF + TURN_OFF * (double)(d->now - d->placed));
-}
-
 /* Whether the position is not known any more. */
 static int is_lost(const car_commands *c, double blind)
 {
@@ -125,8 +117,10 @@ static int sense(Driver *d, const double *value)
     for (int i = 0; d->tracking && i < NY; i++)
         if (d->filter.fresh[i] && d->filter.taken[i] > 0)
             d->seen[i] = d->now;
-    if (d->tracking)
-        move(d);
+    if (d->tracking && d->seen[AT_X] == d->now && d->seen[AT_Y] == d->now)
+        blind_see(&d->blind, d->now);
+    else if (d->tracking)
+        blind_move(&d->blind, d->filter.now.z[3] * CAR_DT, d->now);
     return d->agreed;
 }
 
@@ -190,7 +184,7 @@ static void decide(car_driver *memory, Driver *d, car_commands *c)
     double found[3], lane[7], grip[2];
     const double *x = d->filter.now.z;
     say_state(d, c);
-    d->lost = is_lost(c, d->blind);
+    d->lost = is_lost(c, d->blind.off);
     grip[0] = GRIP * exp(x[NX]), grip[1] = sqrt(d->filter.now.P[NX * NZ + NX] * (grip[0] * grip[0]));
     project(d, x[0], x[1], found);
     d->gear = geared((1 + (d->driving > 0 ? SPIN : 0)) * x[3], d->gear);

@@ -14,6 +14,7 @@ from scipy import integrate, interpolate
 from slipangle.errors import ParameterError, shown
 from slipangle.models.analysis.linearize import directions
 from slipangle.models.model import Model
+from slipangle.optimal.checks import is_number
 from slipangle.optimal.lap.car import LapCar, rates, slip
 from slipangle.optimal.lap.course import Course
 from slipangle.optimal.lap.program import N_STATES, scales, worth
@@ -135,8 +136,7 @@ class Lap(Shown):
         Raises ParameterError if there is no such parameter, or the change is no finite number.
         """
         LapCar.si(name)
-        number = isinstance(change, int | float | np.number) and not isinstance(change, bool)
-        if not number or not math.isfinite(change):
+        if not is_number(change) or not math.isfinite(change):
             raise ParameterError(f"the change of '{name}' is {shown(change)}; expected a number in its own unit")
         return self.sensitivities.get(name, 0.0) * change
 
