@@ -11,7 +11,7 @@ import pytest
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car import corrections as corrections_module
 from slipangle.identify.car import structures
-from slipangle.identify.car.corrections import RATE, corrections
+from slipangle.identify.car.corrections import RATE, Correction, corrections
 from slipangle.identify.car.effects import believed, told
 from slipangle.identify.car.sensors import sensors
 from slipangle.identify.car.sentences import unsettled
@@ -165,3 +165,34 @@ def test_relaxation_lengths_of_both_axles_are_drawn_to_each_other(driven):
         return float(np.sum((found.pull[:, 3:5] @ (half * signs)) ** 2)) / found.thinning
 
     assert cost([1.0, -1.0]) - cost([1.0, 1.0]) == pytest.approx(1.0)
+
+
+def fitted(sigma: float, names: int) -> Any:
+    """What `helps` looks at: errors of 100 independent samples."""
+    return SimpleNamespace(sigma=np.array([sigma]), error=np.zeros((100, 1)), thinning=1.0, names=range(names))
+
+
+def test_what_every_car_has_need_not_earn_its_parameters_and_what_is_constant_must_help_all_the_time():
+    linear, better, no_better = fitted(1.0, 4), fitted(0.97, 6), fitted(1.01, 6)
+    level = np.ones((4, 1))
+    plain = Correction("plain", ())
+    ordinary, constant = replace(plain, ordinary=True), replace(plain, constant=True)
+    assert not structures.helps(linear, better, level, level, plain)  # 6 for 2 parameters, where 9 are asked
+    assert structures.helps(linear, better, level, level, ordinary)
+    assert not structures.helps(linear, no_better, level, level, ordinary)
+    assert not structures.helps(linear, better, level, 2.0 * level, ordinary)  # it does harm
+    uneven, even = np.array([[0.3], [0.4], [0.3], [1.9]]), np.array([[0.9], [0.8], [0.9], [0.7]])
+    much = fitted(0.7, 6)
+    assert structures.helps(linear, much, level, uneven, plain)
+    assert not structures.helps(linear, much, level, uneven, constant)
+    assert structures.helps(linear, much, level, even, constant)
+
+
+def test_tires_bend_by_themselves_where_a_log_uses_what_any_tire_has(driven):
+    def saturate(v_x: float) -> Correction:
+        data = driven.with_channel("v_x", np.full(driven.n_samples, v_x), "m/s")
+        return next(c for c in corrections(data, 2.6, ()) if "mu_f" in c.free)
+
+    used = float(np.quantile(np.abs(driven["r"]), 0.999))
+    assert saturate(0.7 * 9.81 / used).ordinary
+    assert not saturate(0.5 * 9.81 / used).ordinary

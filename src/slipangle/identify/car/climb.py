@@ -52,7 +52,7 @@ def climb(
                 continue
             other = corrected(best, correction, train)
             then = errors(other, held)
-            kept = helps(best, other, at, then) and told(other, correction.free) >= 1.0
+            kept = helps(best, other, at, then, correction) and told(other, correction.free) >= 1.0
             kept = kept and not turned_away(first, best, other) and not outdone(best, other, correction, train)
             kept = kept and not ({*correction.free} <= stood_in and as_good(best, other))
             stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))

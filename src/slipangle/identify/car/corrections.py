@@ -26,6 +26,7 @@ LOADS = ("height", "load_lag", "drive_rear", "brake_rear")
 _STOOD_IN = {"lever_v_y": 0.0, "gain_v_y": 1.0}  # for a locked axle
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
+_SLIDES = 0.6  # of gravity, lateral acceleration from which any tire's curve bends visibly
 _RATES = (0.5, 0.2)  # limit of the steering's rate where its search starts, over the fastest that was steered
 SLOW, FAST = 0.05, 0.95  # quantiles of the speeds that were driven
 _UNLIKE = 1.4  # fast over slow driving, from which downforce can be told
@@ -44,6 +45,8 @@ class Correction:
     around: Callable[[Any], Any] = lambda model: model  # what makes the car one that has them
     instead: Mapping[str, float] = field(default_factory=dict)  # what may have stood in for it, at none
     beside: tuple[str, ...] = ()  # parameters without which there is no such thing
+    ordinary: bool = False  # whether every car has it, and the log goes where it shows
+    constant: bool = False  # whether it is the same all the time, so that it helps on every stretch or is none
 
     def adds_nothing_to(self, free: tuple[str, ...], own: tuple[str, ...]) -> bool:
         """Whether its parameters are ``free`` with one value already, or in ``own`` those of each recording."""
@@ -68,7 +71,7 @@ def corrections(
     listed = [
         Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), around=_steered),
         Correction("the steering's gain is free", ("steering_gain",)),
-        Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
+        Correction("the axles saturate", ("mu_f", "mu_r"), frictions, ordinary=used > _SLIDES),
         Correction("the shape of the tire curves is free", ("shape",)),
         Correction(
             "the steering's rate has a limit",
@@ -76,7 +79,7 @@ def corrections(
             tuple({"steering_rate": share * fastest, "steering_lag": 0.05} for share in _RATES),
             beside=("steering_lag",),
         ),
-        Correction("the sensors' biases are free", biases),
+        Correction("the sensors' biases are free", biases, constant=True),
         Correction(
             "the tires' relaxation lengths are free",
             ("relaxation_f", "relaxation_r"),
@@ -102,7 +105,10 @@ def corrections(
         listed.append(Correction("the axles' loads grow with speed squared", DOWNFORCE))
     if own is None and _sessions(data):
         differ = (("the steering's offset differs", ("steering_offset",)), ("the sensors' biases differ", biases))
-        listed += [Correction(f"{what} between recordings", names, own=names) for what, names in differ]
+        listed += [
+            Correction(f"{what} between recordings", names, own=names, constant=names == biases)
+            for what, names in differ
+        ]
     if elsewhere:
         gain = next(c for c in listed if c.free == ("steering_gain",))
         listed = [replace(gain, starts=({}, elsewhere)), *(c for c in listed if c is not gain)]

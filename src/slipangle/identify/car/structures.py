@@ -355,16 +355,21 @@ def change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     return float(each.mean()), float(each.std(ddof=1) / np.sqrt(n)) if n > 1 else 0.0
 
 
-def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np.ndarray) -> bool:
+def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np.ndarray, by: Correction) -> bool:
     """Whether a correction is worth its parameters on the data of the fit, and does no harm on held-out ones.
 
     Worth by the Bayesian information criterion with as many samples as are independent; where a poor structure colours
-    its errors so much that few are, also by what it brings on nearly every held-out stretch.
+    its errors so much that few are, also by what it brings on nearly every held-out stretch. What every car has need
+    not earn its parameters, whose usual values are known; what is the same all the time has to help all the time, or
+    else it stands in for something that is not.
     """
     moved, scatter = change(held_before, held_after)
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
-    no_harm = max(moved, together) < max(_HARM, scatter)
-    gain = worth(before, after, len(after.names) - len(before.names))
+    no_harm = max(moved, together) < max(_HARM, (2.0 if by.ordinary else 1.0) * scatter)
+    everywhere = bool((held_after <= held_before).all())
+    if by.constant and not (everywhere or moved < -2.0 * scatter):
+        return False
+    gain = worth(before, after, 0 if by.ordinary else len(after.names) - len(before.names))
     return bool((gain > 0 and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
 
 
