@@ -56,6 +56,7 @@ from slipangle.shown import Shown
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
+_SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
@@ -172,24 +173,19 @@ class WholeCar(Checked):
 
     def identify(self, data: Dataset) -> IdentifiedCar:
         """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
-        began, own = time.perf_counter(), self._own
+        began = time.perf_counter()
         self._check(data)
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
         logged = data.select(inputs=inputs, outputs=self._outputs(data))
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
-        known, weight = self._known, weight_doubt(self.mass, self.wheelbase)
+        weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
             said_below = ".*" if weight else ".* hold the same samples"
             warnings.filterwarnings("ignore", said_below, ModelWarning)
-            start = first_guess(**known, dt=data.dt, outputs=logged.outputs, gain=self.steering_gain, added=inputs)
-            elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
-            linear = partial(linear_bicycle, start, own or (), elsewhere)
+            linear, elsewhere = self._begin(turned, logged, whole)
             suspect = self._suspect(turned, linear, whole)
-            tried = corrections(whole.train, self.wheelbase, own, elsewhere)
-            best, stages, dropped = climb(linear(whole.train), tried, whole.train, whole.held_out)
-            final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
-            final, stages = believed(final, stages, whole.all)
+            final, stages, dropped = self._search(linear(whole.train), elsewhere, whole)
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, stretches(logged, self.wheelbase).all)
@@ -232,6 +228,24 @@ class WholeCar(Checked):
             separated=separated,
         )
 
+    def _begin(
+        self, turned: Dataset, logged: Dataset, whole: Stretches
+    ) -> tuple[Callable[[Dataset], Fitted], dict[str, float]]:
+        """The fit of the linear bicycle to stretches, and where the gain starts too."""
+        how: Any = {"dt": logged.dt, "outputs": logged.outputs, "small_angles": self._turns_little(whole.all)}
+        start = first_guess(**self._known, **how, gain=self.steering_gain, added=logged.inputs)
+        elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
+        return partial(linear_bicycle, start, self._own or (), elsewhere), elsewhere
+
+    def _search(
+        self, linear: Fitted, elsewhere: dict[str, float], whole: Stretches
+    ) -> tuple[Fitted, list[Stage], list[Correction]]:
+        """The last fit, its stages, and the corrections that did not help."""
+        tried = corrections(whole.train, self.wheelbase, self._own, elsewhere)
+        best, stages, dropped = climb(linear, tried, whole.train, whole.held_out)
+        final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
+        return *believed(final, stages, whole.all), dropped
+
     def _check(self, data: Dataset) -> None:
         """Raise MissingColumnError or SampleTimeError unless the data have the channels needed, often enough."""
         require_dataset(data, "fit() got")
@@ -261,6 +275,11 @@ class WholeCar(Checked):
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
         measured = {"r", *data.outputs} - ({"a_y"} if without_a_y else set())
         return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
+
+    def _turns_little(self, data: Dataset) -> bool:
+        """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel."""
+        asked = np.abs(data["r"] * self.wheelbase / data["v_x"])
+        return "delta_r" in data or float(np.quantile(asked, 0.99)) < _SMALL
 
     def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
         """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
