@@ -50,6 +50,7 @@ _SCALES = {
 _DOES = {"drive_rear": "drives", "brake_rear": "slows"}  # the car, by that share of it on the rear wheels
 _TELLING = 0.5  # wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
+_NO_HEIGHT = 1e-3  # of the wheelbase, up to which no load shifts
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
 # are more, as cars that roll much asked for one by up to 3.7, and of v_y's, beside its sensor's place, by as much.
@@ -245,7 +246,7 @@ def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
 
 def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
     """How far braking was found to shift loads, and which wheels brake and drive; limits of shape (n_names, 2)."""
-    if "height" not in final.names:
+    if "height" not in final.names or final.values["height"] < _NO_HEIGHT * final.model.value("wheelbase"):
         return []
     low, high = limits[final.names.index("height")]
     share = 100 * final.values["height"] / final.model.value("wheelbase")

@@ -28,6 +28,7 @@ from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
+from slipangle.identify.car.moved_zero import put_back, with_zeros
 from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
@@ -185,14 +186,16 @@ class WholeCar(Checked):
             warnings.filterwarnings("ignore", said_below, ModelWarning)
             linear, elsewhere = self._begin(turned, logged, whole)
             suspect = self._suspect(turned, linear, whole)
-            final, stages, dropped = self._search(linear(whole.train), elsewhere, whole)
+            search = partial(self._search, linear, elsewhere)
+            (final, stages, dropped), whole, zeros = with_zeros(search, whole)
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
-            final, others = following(final, others, stretches(logged, self.wheelbase).all)
+            final, others = following(final, others, put_back(stretches(logged, self.wheelbase).all, zeros))
         names, (spread, limits, how) = final.names, _limits(final, others)
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
+        left += [zero.sentence for zero in zeros]
         wrong = (*left, *suspect, *filter(None, [weight]), *sensors(final, spread), *odd)
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
@@ -238,11 +241,11 @@ class WholeCar(Checked):
         return partial(linear_bicycle, start, self._own or (), elsewhere), elsewhere
 
     def _search(
-        self, linear: Fitted, elsewhere: dict[str, float], whole: Stretches
+        self, linear: Callable[[Dataset], Fitted], elsewhere: dict[str, float], whole: Stretches
     ) -> tuple[Fitted, list[Stage], list[Correction]]:
         """The last fit, its stages, and the corrections that did not help."""
         tried = corrections(whole.train, self.wheelbase, self._own, elsewhere)
-        best, stages, dropped = climb(linear, tried, whole.train, whole.held_out)
+        best, stages, dropped = climb(linear(whole.train), tried, whole.train, whole.held_out)
         final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
         return *believed(final, stages, whole.all), dropped
 
