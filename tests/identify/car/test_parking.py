@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
-from slipangle.identify.car.identify_car import identify_car
+from slipangle.data.dataset import Dataset, join
+from slipangle.identify.car.identify_car import WholeCar, identify_car
 from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.sentences import speed
 from slipangle.identify.car.structures import STIFF, first_guess, fit
@@ -31,6 +31,23 @@ def test_wheels_that_are_turned_far_leave_stiffness_inertia_and_gain_as_they_are
     assert found.doubts == ()
     said = ("turned as one", "as if measured", "turns the wheels", "its scale or unit is off", "v_x is logged")
     assert not [s for s in found.sentences if any(words in s for words in said)]
+
+
+@pytest.mark.parametrize(
+    ("turned", "outputs", "small"),
+    [
+        (0.1, ("v_y", "r"), True),
+        (0.25, ("v_y", "r"), False),
+        (0.25, ("r",), True),
+        (0.45, ("r",), False),
+    ],
+)
+def test_from_the_yaw_rate_alone_geometry_has_to_tell_it(turned, outputs, small):
+    n = 100
+    r = np.full(n, turned * 4.0 / KNOWN["wheelbase"])
+    inputs = {"delta": np.full(n, turned), "v_x": np.full(n, 4.0)}
+    data = Dataset.from_arrays(inputs, {name: r if name == "r" else 0.5 * r for name in outputs}, 0.05)
+    assert WholeCar(**KNOWN)._turns_little(data) == small
 
 
 def test_a_car_that_is_steered_little_keeps_the_equations_of_small_angles():

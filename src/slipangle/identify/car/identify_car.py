@@ -58,6 +58,7 @@ from slipangle.shown import Shown
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
 _SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
+_SMALL_ALONE = 0.35  # the same of a log of the yaw rate alone; their tangent is a twentieth more
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
@@ -280,9 +281,14 @@ class WholeCar(Checked):
         return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
 
     def _turns_little(self, data: Dataset) -> bool:
-        """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel."""
+        """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel.
+
+        What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone:
+        then geometry has to tell it.
+        """
+        most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else _SMALL
         asked = np.abs(data["r"] * self.wheelbase / data["v_x"])
-        return "delta_r" in data or float(np.quantile(asked, 0.99)) < _SMALL
+        return "delta_r" in data or float(np.quantile(asked, 0.99)) < most
 
     def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
         """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
