@@ -55,7 +55,7 @@ from slipangle.shown import Shown
 
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
-_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN, _FLOOR_TURNED = 0.05, 0.2, 0.01, 0.04
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
 _SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
 _SMALL_ALONE = 0.35  # the same of a log of the yaw rate alone; their tangent is a twentieth more
@@ -365,8 +365,10 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Ot
 def _limits(final: Fitted, others: Others) -> tuple[np.ndarray, np.ndarray, str]:
     """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
     spread, limits, how = hull(final.names, final, others)
-    stiff = _FLOOR if "v_y" in final.model.outputs else _FLOOR_ALONE
-    floors, at_rest = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": _FLOOR_GAIN}, extrapolated(final)
+    little = final.model.ode.small_angles  # else wheels scrub, as each would have to turn by an angle of its own
+    stiff = _FLOOR if "v_y" in final.model.outputs and little else _FLOOR_ALONE
+    gain, at_rest = _FLOOR_GAIN if little else _FLOOR_TURNED, extrapolated(final)
+    floors = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": gain}
     for i, name in enumerate(final.names):
         share = floors.get(name, 0.0) + at_rest.get(name, 0.0)
         limits[i] += np.array([-1.0, 1.0]) * share * abs(final.values[name])
