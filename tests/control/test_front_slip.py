@@ -1,6 +1,7 @@
 """Where an axle's force peaks, and that a driver's plans keep to it."""
 
 import copy
+import math
 import pickle
 
 import numpy as np
@@ -65,6 +66,15 @@ def test_steered_rear_wheels_slip_by_their_angle_more():
     u[double.inputs.index("delta_r")] *= 0.5
     assert rear_slip(double)(x, u, None) == pytest.approx(0.0, abs=1e-15)
     assert front_slip(model)(x, u, None) == pytest.approx(front_slip(straight)(x, without, None))
+
+
+def test_wheels_that_are_turned_far_slip_by_the_angle_of_their_motion():
+    x, u = [1.9, 0.9], [1.0, 4.0]
+    slips = [front_slip(SaturatingBicycle(params=CAR, dt=0.02, small_angles=s))(x, u, None) for s in (True, False)]
+    angle = math.atan((1.9 + CAR.l_f * 0.9) / 4.0)
+    assert float(slips[1]) == pytest.approx(0.5 * (1.0 - 0.02) - angle, abs=1e-12)
+    assert float(slips[0]) < float(slips[1]) - 0.05
+    assert not front_slip(late(SaturatingBicycle(params=CAR, dt=0.02, small_angles=False))).small_angles
 
 
 def test_what_has_no_peak_has_no_limit():

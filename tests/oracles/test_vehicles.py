@@ -31,6 +31,7 @@ STEERED = dict(steering_gain=0.9, steering_offset=0.02)
 CHASSIS = dict(mass=1310.0, inertia_z=1850.0, wheelbase=2.62, l_f=1.11)  # nothing symmetric about it
 CAR = CHASSIS | dict(inertia_wheel_f=1.9, inertia_wheel_r=2.7, radius=0.31)
 STATE = dict(v_y=(-4.0, 4.0), r=(-0.9, 0.9), delta=(-0.25, 0.25), v_x=(3.5, 45.0))
+FAR = STATE | dict(delta=(-0.7, 0.7))
 
 
 def rates(model, *signals):
@@ -169,22 +170,27 @@ SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lev
 SENSORS |= dict(gain_v_y=1.13, turn_v_y=0.021)
 
 
+@pytest.mark.parametrize("small", [True, False])
 @pytest.mark.parametrize(
     ("half", "gain", "brush"), [(0.0, 1.0, 0.0), (0.71, 0.93, 0.0), (0.71, 0.93, 0.6), (0.0, 1.0, 1.0)]
 )
-def test_saturating_bicycle(half, gain, brush):
+def test_saturating_bicycle(half, gain, brush, small):
     unused = dict(relaxation_f=0.4, relaxation_r=0.6)
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
     params = replace(params, locked_half_track=half, gain_v_x=gain, load_shift=0.04, brush=brush, along_f=-0.2)
     assert len(SATURATING | STEERED | SENSORS | unused) + 6 == len(fields(params))
     loads = {"locked_half_track": half, "brush": brush, "forward": 0.04 * CHASSIS["mass"] * vehicles.G}
-    model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
+    model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"), small_angles=small)
 
     def oracle(v_y, r, delta, logged):
         v_x = gain * logged
         turned = vehicles.road_wheel(STEERED, delta)
+        along = -0.2 * CHASSIS["mass"] * vehicles.G
         slip = vehicles.small_slip(CHASSIS, v_y, r, turned, v_x)
-        braked = {"across_f": -0.2 * CHASSIS["mass"] * vehicles.G * turned}
+        braked = {"across_f": along * turned}
+        if not small:
+            slip = vehicles.wheel_slip(v_x, v_y + CHASSIS["l_f"] * r, turned), slip[1]
+            braked = {"across_f": along * np.sin(turned), "turned": turned}
         found = vehicles.saturating_bicycle(SATURATING | loads | braked, v_y, r, *slip, v_x)
         read = [1.13 * (v_y - 0.31 * r) + 0.021 * v_x - 0.11, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
         return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
@@ -193,7 +199,7 @@ def test_saturating_bicycle(half, gain, brush):
         seen = model.output(z[:2], z[2:])
         return [*rates(model)(*z), *(seen[i] for i in range(3))]
 
-    agree(ours, oracle, uniform(5, 300, *STATE.values()))
+    agree(ours, oracle, uniform(5, 300, *(STATE if small else FAR).values()))
 
 
 def test_lift_leaves_an_axle_a_tenth_of_its_load():

@@ -112,7 +112,7 @@ def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
     A share ``brush`` of the force is that of brushes. Each carries its share of the weight, its downforce, and what
     braking moves ``forward`` [N]; stiffness and peak are in proportion to what it carries. A force along, ``along_f``
     and ``along_r`` [N], leaves what is on an ellipse a tenth longer than wide, but a fifth at least;
-    ``across_f`` [N] is what is across of the one in front, whose wheels are turned.
+    ``across_f`` [N] is what is across of the one in front, whose wheels are ``turned`` [rad], by default hardly.
     Rear wheels that turn as one have the spin of their centre: each slips along by what its hub is faster or slower,
     and its force points against its slip, as large as the curve says for both slips together.
     """
@@ -135,7 +135,7 @@ def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
             across += force * alpha
             resisting += moment(l_f - L, side, -force * along, 0.0)
         forces.append(across)
-    forces[0] = forces[0] + car.get("across_f", 0.0)
+    forces[0] = forces[0] * np.cos(car.get("turned", 0.0)) + car.get("across_f", 0.0)
     a_y = sum(forces) / m
     yaw = moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1]) + resisting
     return [a_y - v_x * r, yaw / car["inertia_z"], a_y]
@@ -161,6 +161,13 @@ def brush(C, D, slip):
 def small_slip(car, v_y, r, delta, v_x):
     """Slip angles of both axles where they are small."""
     return delta - (v_y + car["l_f"] * r) / v_x, -(v_y - (car["wheelbase"] - car["l_f"]) * r) / v_x
+
+
+def wheel_slip(along, across, turned):
+    """Slip angle of a wheel whose hub moves so in the car's axes, from the motion in the wheel's own axes."""
+    ahead = along * np.cos(turned) + across * np.sin(turned)
+    aside = -along * np.sin(turned) + across * np.cos(turned)
+    return -np.arctan2(aside, ahead)
 
 
 def single_track(car, tire, slip, state, inputs):

@@ -15,7 +15,7 @@ from scipy import optimize
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 from slipangle.models.tires.magic_formula.terms import curved
-from slipangle.models.vehicles.axle import slip_speed, small_slip_angles
+from slipangle.models.vehicles.axle import slip_speed, small_slip_angles, turned_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, fabs, maximum, minimum, sin, sqrt, where
@@ -46,6 +46,8 @@ class FrontSlip:
         Place of the steered rear wheels' angle in the inputs; below zero: they are straight.
     gain : float
         True over given angle of these. [-]
+    small_angles : bool
+        Whether steering angles are small.
     """
 
     places: tuple[int, int]
@@ -56,6 +58,7 @@ class FrontSlip:
     peak: float
     rear: int
     gain: float
+    small_angles: bool = True
 
     axle: ClassVar[str] = "f"
 
@@ -64,9 +67,8 @@ class FrontSlip:
         p = self.params
         angle = u[-1 - self.steering] if self.steering < 0 else x[self.steering]
         v = slip_speed(u[self.speed], p)
-        return small_slip_angles(
-            v, x[self.places[0]], x[self.places[1]], p.road_wheel(angle) if self.geared else angle, p
-        )[0]
+        angles = small_slip_angles if self.small_angles else turned_slip_angles
+        return angles(v, x[self.places[0]], x[self.places[1]], p.road_wheel(angle) if self.geared else angle, p)[0]
 
     def grip_left(self, x: Vector, u: Vector) -> Scalar:
         """Share of the axle's largest force that the friction ellipse leaves along it: 0 from the peak on. [-]"""
@@ -131,6 +133,7 @@ def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None
         peak=peak,
         rear=model.inputs.index("delta_r") if "delta_r" in model.inputs else -1,
         gain=inner.value("gain_delta_r") if "gain_delta_r" in inner.parameter_names else 1.0,
+        small_angles=getattr(inner.ode, "small_angles", True),
     )
 
 

@@ -420,3 +420,22 @@ def test_a_spike_at_an_end_leaves_its_neighbours_as_they_are(row):
 def test_a_recording_that_comes_twice_is_said_to():
     (said,) = doubts(join(session(0), session(1), session(0)), wheelbase=LENGTH)
     assert said.startswith("recording 3 has the samples of recording 1 again")
+
+
+@pytest.mark.parametrize("share", [0.75, 1.3])
+def test_an_a_y_of_another_scale_is_named_beside_v_y(share):
+    (said,) = doubts(changed("a_y", lambda a: share * a), wheelbase=LENGTH)
+    assert re.match(r"a_y is (0\.7|1\.[23])\d? times v_x r; expected 1 to 1\.15", said)
+    assert "the scale of a_y is off, or that of r or v_x" in said
+
+
+@pytest.mark.parametrize("share", [0.97, 1.15])
+def test_an_a_y_that_feels_the_body_roll_is_none(share):
+    assert doubts(changed("a_y", lambda a: share * a), wheelbase=LENGTH) == ()
+
+
+def test_the_scale_of_an_a_y_without_v_y_is_left_to_the_fit():
+    data = changed("a_y", lambda a: 1.3 * a)
+    alone = {n: data[n] for n in ("r", "a_y")}
+    inputs = {n: data[n] for n in ("delta", "v_x")}
+    assert doubts(Dataset.from_arrays(inputs, alone, data.dt), wheelbase=LENGTH) == ()

@@ -52,10 +52,12 @@ def log(
     steering=STEERING,
     bank=0,
     true=TRUE,
+    far=False,
 ):
     """A drive of a ``true`` car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``.
 
     The road's left edge is higher by an angle of ``bank``; a_y is that of the tires, as an accelerometer reads it.
+    The wheels are turned as ``far`` as they are, else by small angles.
     """
     rng = np.random.default_rng(seed)
     h = DT / FINE
@@ -67,7 +69,10 @@ def log(
         target = steering["gain"] * (late[k] - steering["offset"])
         wheel += (target - wheel) * -np.expm1(-h / steering["lag"])
         slip = vehicles.small_slip(true, v_y, r, wheel, speed)
-        v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(true, v_y, r, *slip, speed)
+        turned = {"turned": wheel} if far else {}
+        if far:
+            slip = vehicles.wheel_slip(speed, v_y + true["l_f"] * r, wheel), slip[1]
+        v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(true | turned, v_y, r, *slip, speed)
         if k % FINE == 0:
             rows.append((v_y, r, a_y, r_dot))
         v_y, r = v_y + h * (v_y_dot - vehicles.G * np.sin(bank)), r + h * r_dot

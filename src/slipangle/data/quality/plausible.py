@@ -48,6 +48,7 @@ _ANEW = 5  # times that an offset is told, each without the one before
 TURNED = "its sensor is turned by"  # as a fit corrects
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
+_FELT, _SURELY = (0.85, 1.22), 0.9  # a_y over v_x r that needs no word, and agreement from which it is sure
 _OF_A_Y = (  # a_y over v_x r from, to, in words, and whether v_x or r is wrong
     (1 / 110, 1 / 30, "of v_x r: r is logged in deg/s; declare its unit as deg/s", True),
     (1 / 14, 1 / 6, "of v_x r: a_y is logged in g; declare its unit as g", False),
@@ -188,12 +189,16 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
     ahead = _LEADS * wheelbase * float(np.sum(turn**2) / max(np.sum(turn**2 * smooth["v_x"]), 1e-300))
     if late > _LATE + ahead and tied > _TIED:
         return [f"r comes {late:.2f} s behind a_y: it is logged late; shift it, or take another sensor"], True
-    if agree < 0.7:
-        return [], False
     for low, high, words, wrong in _OF_A_Y:
-        if low < slope < high:
+        if agree >= 0.7 and low < slope < high:
             return [f"a_y is {slope:.2g} {words}"], wrong
-    return [], False
+    table = np.column_stack([turn, smooth["v_x"], np.ones(len(turn)), smooth["a_y"]])  # r may have an offset
+    slope, error = coefficient(by_blocks(table, np.repeat(np.arange(len(fast)), [len(part) for part in fast])))
+    beyond = _CERTAIN * error < max(_FELT[0] - slope, slope - _FELT[1])
+    if "v_y" not in smooth or agree < _SURELY or not beyond:  # without v_y a fit finds the scale
+        return [], False
+    said = f"a_y is {slope:.3g} times v_x r; expected 1 to 1.15, as body roll adds to it: the scale of a_y is off, or "
+    return [said + "that of r or v_x; see whether r adds up over a full circle"], False
 
 
 def _speed_agrees(smooth: dict[str, np.ndarray]) -> bool:

@@ -156,4 +156,4 @@ def _relaxing(model: Any) -> Any:
     """With tires that relax, whatever is around the car."""
     if hasattr(model, "model"):
         return replace(model, model=_relaxing(model.model))
-    return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)
+    return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs, small_angles=model.small_angles)

@@ -33,6 +33,8 @@ from slipangle.identify.car.structures import (
 )
 from slipangle.identify.car.uncertainty import covariance
 
+WEIGHT = (0.2, 0.8)  # of the wheelbase, between which is any car's centre of gravity
+_INSIDE = 0.1  # of the wheelbase, from these ends on which such a place counts whole
 _LEAST = 0.1  # of an axle's load at rest, the least that downforce adds in fast driving
 _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
 _AWAY = 0.1  # by how much farther from the given one, as a logarithm, a locked axle may move the steering's gain
@@ -48,6 +50,7 @@ _SCALES = {
 _DOES = {"drive_rear": "drives", "brake_rear": "slows"}  # the car, by that share of it on the rear wheels
 _TELLING = 0.5  # wider than which the interval of such a share tells nothing
 _WINGED = 1.25  # friction used, from which a car may have wings
+_NO_HEIGHT = 1e-3  # of the wheelbase, up to which no load shifts
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
 # are more, as cars that roll much asked for one by up to 3.7, and of v_y's, beside its sensor's place, by as much.
@@ -165,8 +168,8 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
     """Structures that explain the data about as well as the chosen one, and how far each counts, 0 to 1.
 
     With a correction more, such as tires of another shape; with tires that yield as a brush does; with a centre of
-    gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if the data want it. Nothing
-    counts all at once, so that no rounding decides an interval.
+    gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if the data want it where a car's
+    may be. Nothing counts all at once, so that no rounding decides an interval.
     """
     at, known = errors(final, data), {"before": final, "own": final.own}
 
@@ -184,7 +187,9 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
-        trials.append((moved, away - _NONE))
+        at_share = moved.values["l_f"] / final.model.value("wheelbase")
+        possible = min(at_share - WEIGHT[0], WEIGHT[1] - at_share) / _INSIDE
+        trials.append((moved, min(away - _NONE, possible)))
     brushed = _brushed(final, data)
     counted = [(brushed, float(min(_BRUSHES - worse(brushed), 1.0)))]
     counted += [(other, float(min(share, _NONE - worse(other), 1.0))) for other, share in trials]
@@ -241,7 +246,7 @@ def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
 
 def pitching(final: Fitted, limits: np.ndarray) -> list[str]:
     """How far braking was found to shift loads, and which wheels brake and drive; limits of shape (n_names, 2)."""
-    if "height" not in final.names:
+    if "height" not in final.names or final.values["height"] < _NO_HEIGHT * final.model.value("wheelbase"):
         return []
     low, high = limits[final.names.index("height")]
     share = 100 * final.values["height"] / final.model.value("wheelbase")

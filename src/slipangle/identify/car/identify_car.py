@@ -28,6 +28,7 @@ from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
+from slipangle.identify.car.moved_zero import put_back, with_zeros
 from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
@@ -54,8 +55,10 @@ from slipangle.shown import Shown
 
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
-_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN, _FLOOR_TURNED = 0.05, 0.2, 0.01, 0.04
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
+_SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
+_SMALL_ALONE = 0.35  # the same of a log of the yaw rate alone; their tangent is a twentieth more
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
@@ -172,31 +175,28 @@ class WholeCar(Checked):
 
     def identify(self, data: Dataset) -> IdentifiedCar:
         """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
-        began, own = time.perf_counter(), self._own
+        began = time.perf_counter()
         self._check(data)
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
         logged = data.select(inputs=inputs, outputs=self._outputs(data))
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
-        known, weight = self._known, weight_doubt(self.mass, self.wheelbase)
+        weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
             said_below = ".*" if weight else ".* hold the same samples"
             warnings.filterwarnings("ignore", said_below, ModelWarning)
-            start = first_guess(**known, dt=data.dt, outputs=logged.outputs, gain=self.steering_gain, added=inputs)
-            elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
-            linear = partial(linear_bicycle, start, own or (), elsewhere)
+            linear, elsewhere = self._begin(turned, logged, whole)
             suspect = self._suspect(turned, linear, whole)
-            tried = corrections(whole.train, self.wheelbase, own, elsewhere)
-            best, stages, dropped = climb(linear(whole.train), tried, whole.train, whole.held_out)
-            final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
-            final, stages = believed(final, stages, whole.all)
+            search = partial(self._search, linear, elsewhere)
+            (final, stages, dropped), whole, zeros = with_zeros(search, whole)
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
-            final, others = following(final, others, stretches(logged, self.wheelbase).all)
+            final, others = following(final, others, put_back(stretches(logged, self.wheelbase).all, zeros))
         names, (spread, limits, how) = final.names, _limits(final, others)
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
+        left += [zero.sentence for zero in zeros]
         wrong = (*left, *suspect, *filter(None, [weight]), *sensors(final, spread), *odd)
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
@@ -232,6 +232,24 @@ class WholeCar(Checked):
             separated=separated,
         )
 
+    def _begin(
+        self, turned: Dataset, logged: Dataset, whole: Stretches
+    ) -> tuple[Callable[[Dataset], Fitted], dict[str, float]]:
+        """The fit of the linear bicycle to stretches, and where the gain starts too."""
+        how: Any = {"dt": logged.dt, "outputs": logged.outputs, "small_angles": self._turns_little(whole.all)}
+        start = first_guess(**self._known, **how, gain=self.steering_gain, added=logged.inputs)
+        elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
+        return partial(linear_bicycle, start, self._own or (), elsewhere), elsewhere
+
+    def _search(
+        self, linear: Callable[[Dataset], Fitted], elsewhere: dict[str, float], whole: Stretches
+    ) -> tuple[Fitted, list[Stage], list[Correction]]:
+        """The last fit, its stages, and the corrections that did not help."""
+        tried = corrections(whole.train, self.wheelbase, self._own, elsewhere)
+        best, stages, dropped = climb(linear(whole.train), tried, whole.train, whole.held_out)
+        final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
+        return *believed(final, stages, whole.all), dropped
+
     def _check(self, data: Dataset) -> None:
         """Raise MissingColumnError or SampleTimeError unless the data have the channels needed, often enough."""
         require_dataset(data, "fit() got")
@@ -261,6 +279,16 @@ class WholeCar(Checked):
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
         measured = {"r", *data.outputs} - ({"a_y"} if without_a_y else set())
         return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
+
+    def _turns_little(self, data: Dataset) -> bool:
+        """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel.
+
+        What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone:
+        then geometry has to tell it.
+        """
+        most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else _SMALL
+        asked = np.abs(data["r"] * self.wheelbase / data["v_x"])
+        return "delta_r" in data or float(np.quantile(asked, 0.99)) < most
 
     def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
         """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
@@ -337,8 +365,10 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Ot
 def _limits(final: Fitted, others: Others) -> tuple[np.ndarray, np.ndarray, str]:
     """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
     spread, limits, how = hull(final.names, final, others)
-    stiff = _FLOOR if "v_y" in final.model.outputs else _FLOOR_ALONE
-    floors, at_rest = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": _FLOOR_GAIN}, extrapolated(final)
+    little = final.model.ode.small_angles  # else wheels scrub, as each would have to turn by an angle of its own
+    stiff = _FLOOR if "v_y" in final.model.outputs and little else _FLOOR_ALONE
+    gain, at_rest = _FLOOR_GAIN if little else _FLOOR_TURNED, extrapolated(final)
+    floors = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": gain}
     for i, name in enumerate(final.names):
         share = floors.get(name, 0.0) + at_rest.get(name, 0.0)
         limits[i] += np.array([-1.0, 1.0]) * share * abs(final.values[name])

@@ -27,12 +27,16 @@ def with_rack(final: Fitted, others: Others, dropped: list[Correction], data: Da
     shares, straight = found
     most = int(np.argmax(np.abs(shares)))
     at = float(np.rad2deg(_NODES[most] * _largest(final, data)))
-    mended = "as a rack whose ratio changes does: give delta at the road wheels, by the rack's table"
+    mended, like = "as a rack whose ratio changes does: give delta at the road wheels, by the rack's table", ""
+    if not final.model.ode.small_angles:
+        like = "wheels that are turned far look like where both turn alike and scrub"
     if {*LOCKED} <= {*final.free}:
+        like = "rear wheels that turn as one look like when they slip"
+    if like:
         mended = (
-            "as a rack whose ratio changes does, and as rear wheels that turn as one look like when they slip: if it "
-            "is the rack, give delta at the road wheels, by its table"
+            f"as a rack whose ratio changes does, and as {like}: if it is the rack, give delta at the road wheels, "
         )
+        mended += "by its table"
     said = (
         f"the steering turns the wheels {100 * abs(shares[most]):.2g} % {'more' if shares[most] > 0 else 'less'} at "
         f"{at:.2g} deg of delta than in proportion to what it does straight ahead, {mended}; {HOLD}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from slipangle.data.recordings import recordings
 from slipangle.identify.car.corrections import LOADS, SPEED, friction_used
-from slipangle.identify.car.effects import explained
+from slipangle.identify.car.effects import WEIGHT, explained
 from slipangle.identify.car.left_over import HOLD, NO_HOLD
 from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Others, Stage, settling, worth
@@ -26,7 +26,6 @@ _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
 _MOMENT = (0.9, 1.11)  # of what a logged yaw moment, or rear wheels, do over what they say, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
-_WEIGHT = (0.2, 0.8)  # of the wheelbase, between which is any car's centre of gravity
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
@@ -294,7 +293,7 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     l_f = p.l_f - lever  # where the centre of gravity is if the sensor sits there
     if abs(lever) < ELSEWHERE * p.wheelbase or at[0] * at[1] <= 0 or not 0 < l_f < p.wheelbase:
         return []
-    if not _WEIGHT[0] < l_f / p.wheelbase < _WEIGHT[1]:
+    if not WEIGHT[0] < l_f / p.wheelbase < WEIGHT[1]:
         return [
             f"v_y reads as if measured {lever:+.2g} m from the centre of gravity, which no place of that explains: l_f "
             f"would be {l_f:.3g} m of {p.wheelbase:.3g} m; if its sensor is not there, v_y is in another unit, such as "
@@ -309,7 +308,12 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
 
 
 def speed(final: Fitted, others: Others) -> list[str]:
-    """A speed that is logged too large or too small, or r, as the motion across tells, and worth its parameters."""
+    """A speed that is logged too large or too small, or r, as the motion across tells, and worth its parameters.
+
+    Where wheels are turned far they scrub, as both would have to turn by angles of their own: that asks for a scale.
+    """
+    if not final.model.ode.small_angles:
+        return []
     for other in (other for other, share in others if {*SPEED} <= {*other.free} and share > _HALF):
         if worth(final, other, len(other.names) - len(final.names)) <= 0:
             continue

@@ -58,6 +58,7 @@ def first_guess(
     outputs: tuple[str, ...],
     gain: float,
     added: Iterable[str] = (),
+    small_angles: bool = True,
 ) -> Delayed:
     """A car of ordinary tires for its size, its wheels where the steering is; ``added`` are inputs of `ADDED`."""
     load = GRAVITY * mass / wheelbase
@@ -69,6 +70,7 @@ def first_guess(
         ),
         dt=dt,
         outputs=outputs,
+        small_angles=small_angles,
     )
     for name, around in ADDED.items():
         car = around(car) if name in added else car

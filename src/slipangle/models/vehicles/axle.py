@@ -6,7 +6,7 @@
 from typing import Any
 
 from slipangle.models.vehicles.parameters import ChassisParams
-from slipangle.ops import Scalar, atan2, cos, maximum, sin, speed_floor
+from slipangle.ops import Scalar, atan, atan2, cos, maximum, sin, speed_floor
 
 
 def axle_velocities(v_y: Scalar, r: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
@@ -29,6 +29,12 @@ def small_slip_angles(v: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: Chass
     """Slip angles of the front and the rear axle where they are small, at a speed ``v`` above zero. [rad]"""
     v_yf, v_yr = axle_velocities(v_y, r, p)
     return delta - v_yf / v, -v_yr / v
+
+
+def turned_slip_angles(v: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
+    """The same where the front wheels may be turned far, as in a parking lot; the rear's stays small. [rad]"""
+    v_yf, v_yr = axle_velocities(v_y, r, p)
+    return delta - atan(v_yf / v), -v_yr / v
 
 
 def crawl(p: ChassisParams) -> float:

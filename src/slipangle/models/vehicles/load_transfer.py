@@ -33,7 +33,9 @@ class LoadTransfer(OdeWrapper):
     long as a body takes to pitch. What pushes the car along, ``mass a_x``, acts on the axles by fixed shares, drag as
     brakes do. An axle's share ``F_x`` leaves ``sqrt(1 - (F_x / (mu_x F_z))^2)`` of its force across: the friction
     ellipse, J. Y. Wong, Theory of Ground Vehicles, 4th ed., 2008, sec. 1.4, with ``mu_x`` a tenth above ``mu_f``,
-    ``mu_r``. In front it also turns with the wheels, which pushes a car that brakes out of a bend.
+    ``mu_r``. In front it also turns with the wheels, which pushes a car that brakes out of a bend. Where steering
+    angles are not small (`SaturatingBicycle`), the ``mass v_y r`` by which turned front wheels slow a car in a bend
+    is their force across, and no share of it is a brake's.
 
     Parameters
     ----------
@@ -118,11 +120,12 @@ class LoadTransfer(OdeWrapper):
         a_x = (p.gain_v_x * self._gains(x, u) - v_y * r) / GRAVITY
         share = p.load_shift - self.height * a_x / p.wheelbase
         shifted = replace(p, load_shift=clip(share, -_MOST, _MOST))
-        drive, brake = maximum(a_x, 0.0), minimum(a_x, 0.0)
+        pushed = a_x if self.small_angles else a_x + v_y * r / GRAVITY
+        drive, brake = maximum(pushed, 0.0), minimum(pushed, 0.0)
         rear = self.drive_rear * drive + self.brake_rear * brake
         loads = shifted.load_ratios(p.gain_v_x * u[self.inputs.index("v_x")])
         most_f, most_r = p.mu_f * loads[0] * p.l_r / p.wheelbase, p.mu_r * loads[1] * p.l_f / p.wheelbase
-        used = (a_x - rear) / most_f
+        used = (pushed - rear) / most_f
         left_f, left_r = _across(used), _across(rear / most_r)
         front = {name: left_f * getattr(p, name) for name in ("C_f", "mu_f")}
         back = {name: left_r * getattr(p, name) for name in ("C_r", "mu_r")}

@@ -9,9 +9,9 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.models.ode import OdeModel
-from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles, turned_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
-from slipangle.ops import Scalar, Vector, atan, clip, fabs, is_symbolic, is_traced, maximum, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, atan, clip, cos, fabs, is_symbolic, is_traced, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 _QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
@@ -152,6 +152,9 @@ class SaturatingBicycle(OdeModel):
     relaxation lengths are without effect here, see `RelaxingBicycle`. Steering lag comes as ``Steered(car,
     steering_lag=...)``, delay as ``Delayed(...)``. A v_y that was not measured starts at that of steady cornering. A
     ``cross_slope`` is the same everywhere and comes on top of that of `Banked`, an input.
+
+    Steering angles are small (``small_angles``) where 0.15 rad is much; else the front wheels' slip angle and the part
+    of their force that acts across the car are those of any angle, as in hairpins and parking lots.
     """
 
     states = ("v_y", "r")
@@ -159,6 +162,7 @@ class SaturatingBicycle(OdeModel):
     max_step: ClassVar[float] = 0.005
     params: SaturatingBicycleParams
     outputs: tuple[str, ...] = ("r",)
+    small_angles: bool = field(default=True, metadata=_NEW)
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Rates of v_y [m/s2] and r [rad/s2]."""
@@ -213,7 +217,8 @@ class SaturatingBicycle(OdeModel):
 
     def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles of the motion."""
-        return small_slip_angles(self.slip_speed(u[1]), x[0], x[1], self.params.road_wheel(u[0]), self.params)
+        angles = small_slip_angles if self.small_angles else turned_slip_angles
+        return angles(self.slip_speed(u[1]), x[0], x[1], self.params.road_wheel(u[0]), self.params)
 
     def _acting(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles that the forces follow."""
@@ -227,8 +232,9 @@ class SaturatingBicycle(OdeModel):
         """
         p, (load_f, load_r) = self.params, self.params.static_loads
         front, rear = p.load_ratios(p.gain_v_x * u[1])
-        F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape, p.brush)
-        F_yf = F_yf + p.along_f * p.mass * GRAVITY * p.road_wheel(u[0])
+        F_yf, F_xf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape, p.brush), p.along_f * p.mass * GRAVITY
+        turned = p.road_wheel(u[0])
+        F_yf = F_yf + F_xf * turned if self.small_angles else F_yf * cos(turned) + F_xf * sin(turned)
         b: Any = p.locked_half_track
         if not (is_symbolic(b) or is_traced(b)) and b == 0:
             return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape, p.brush), 0.0

@@ -56,6 +56,11 @@ class OdeWrapper(OdeModel):
         """The same at another sample time [s]."""
         return replace(self, model=self.model.resampled(dt, substeps=substeps, outputs=outputs))
 
+    @property
+    def small_angles(self) -> bool:
+        """Whether the car inside takes its steering angles for small."""
+        return getattr(self.model, "small_angles", True)
+
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
         """State and inputs of the ODE inside, shapes (n_states,), (n_inputs,)."""
         return x[: self.model.n_states], u[: self.model.n_inputs]
