@@ -238,7 +238,7 @@ WARNS = {
     "identify/tires/whole_tire.py": (1, ("the data do not determine", "ends at its bound")),
     "models/analysis/linearize.py": (1, ("is not smooth in",)),
     "models/black_box/model.py": (1, ("no C compiler was found",)),
-    "models/model.py": (1, ("goes astray",)),
+    "models/model.py": (1, ("goes astray", "lie outside of the training data")),
     "models/storage.py": (1, ("where its fit found",)),
     "models/tires/magic_formula/tir.py": (
         5,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from slipangle import Run, Validation
+from slipangle.identify.judge.validate import beyond_said
 from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
@@ -72,6 +73,8 @@ def _model_verdict(
         )
         for key, label, measure, digits in (*shown, ("rmse", "RMSE", unit, 3))
     )
+    for said in beyond_said(v.free_run, name):
+        sentence += f" {said[0].upper()}{said[1:]}."
     tone: Tone = "poor" if name in v.free_run.astray else stands.word
     evidence = (f"Free run: {spoken(name)}", "Parameters", "Residuals")
     title = f"{v.name}, {spoken(name)}"

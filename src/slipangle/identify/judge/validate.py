@@ -17,9 +17,11 @@ from slipangle.identify.judge.scores import Score, score
 from slipangle.identify.judge.standing import Standing, standing
 from slipangle.models.model import FitInfo, Model, Trajectory
 from slipangle.models.provenance import Overlap, fingerprint, overlap
+from slipangle.models.region import OUTSIDE
 from slipangle.shown import Shown
 
 _BLIND = 0.5  # correlations that a test which lets as much pass for chance does not see
+_TOLD = 10  # samples that tell an error
 _UNNAMED = Dataset.name  # what data are called that nobody named
 
 
@@ -98,7 +100,8 @@ def validate(
 
     Raises ParameterError if the data overlap those the model was fitted to, or ``train``, or ``max_lag`` is below 1.
 
-    Warns with ModelWarning if a prediction leaves any plausible range of the data; the verdict's sentences say so too.
+    Warns with ModelWarning if a prediction leaves any plausible range of the data, or a learned model's training data
+    (`Model.region`); the verdict's sentences say so too, and how much worse the model is there.
 
     Parameters
     ----------
@@ -124,7 +127,10 @@ def validate(
         require_unseen(model, data)
         _require_apart(train, data)
     free = free_run(model, data, start="first samples" if start is None else start)
-    one = model.predict(data)
+    with warnings.catch_warnings():
+        if free.beyond is not None:  # said once is enough
+            warnings.filterwarnings("ignore", f".*{OUTSIDE}", ModelWarning)
+        one = model.predict(data)
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
     trained = model.fit_info.n_samples if model.fit_info is not None else None
     return Validation(
@@ -143,9 +149,22 @@ def validate(
 
 
 def _with_astray(tests: Residuals, free: Trajectory, one: Trajectory, output: str) -> Residuals:
-    """The tests, with what is to be said of a prediction that left any plausible range in front."""
+    """The tests, with what is to be said of a prediction that left any plausible range, or the training data, first."""
     said = tuple(run.astray[output] for run in (free, one) if output in run.astray)
+    said = (*said, *beyond_said(free, output), *([one.beyond.sentence] if one.beyond and not free.beyond else []))
     return replace(tests, sentences=(*said, *tests.sentences))
+
+
+def beyond_said(run: Trajectory, output: str) -> tuple[str, ...]:
+    """What of a free run lies outside of the training data, and how much worse an output is there; empty if nothing."""
+    if run.beyond is None:
+        return ()
+    rows, error = run.beyond.rows, run.error[:, run.outputs.index(output)] ** 2
+    inside, outside = error[run.predicted & ~rows], error[run.predicted & rows]
+    if min(len(inside), len(outside)) < _TOLD or not inside.any():
+        return (run.beyond.sentence,)
+    times = float(np.sqrt(np.mean(outside) / np.mean(inside)))
+    return (f"{run.beyond.sentence}; the error of {output} is {times:.2g} times that inside (RMS)",)
 
 
 def require_unseen(model: Model, data: Dataset) -> None:

@@ -20,6 +20,7 @@ from slipangle.identify.networks.unlike import Proof, proved
 from slipangle.identify.physics.at_the_limit import KnownCar
 from slipangle.models.model import Model
 from slipangle.models.provenance import provenance
+from slipangle.models.region import Region
 from slipangle.models.wrappers.hybrid import HybridModel
 
 _LAGS = 5  # reckoned with where a network chooses them itself
@@ -96,6 +97,7 @@ class Hybrid(KnownCar):
                 warnings=(*info.warnings, *notes),
                 seconds=time.perf_counter() - began,
                 **provenance(data, base.outputs),
+                region=Region.of(data, (*model.inputs, *model.outputs)) if gain else base.region,
             ),
         )
 
