@@ -139,8 +139,8 @@ class Region(Equal):
             both = " with ".join(_said(self.channels[i], values[k, i], units[i]) for i in self._pairs[j])
             words.append(f"{both}, which never came together there")
         share, first = 100 * float(np.mean(rows)), float(t[np.argmax(rows)])
-        said = "; ".join([*words, self.beyond])
-        sentence = f"{share:.2g} % of the {what}, first at t = {first:g} s, {OUTSIDE}: {said}"
+        much, said = f"{share:{'.0f' if share >= 10 else '.2g'}}", "; ".join([*words, self.beyond])
+        sentence = f"{much} % of the {what}, first at t = {first:g} s, {OUTSIDE}: {said}"
         return Left(rows=np.asarray(rows), sentence=sentence)
 
     def _range_said(self, i: int, values: np.ndarray, unit: str) -> str:

@@ -111,6 +111,9 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     )
     if run.fallbacks:
         sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
+    driven = next((v.model for v in outcome.validations if v.name == wanted.model), None)
+    for said in () if driven is None else run.beyond(driven):
+        sentence += f" {said[0].upper()}{said[1:]}."
     if others is not None:
         sentence += f" {_on_others(others, run.marked)}"
     deadline = f"deadline {1000 * wanted.dt:g} ms, margin {100 * (1 - late / wanted.dt):.0f} %"
