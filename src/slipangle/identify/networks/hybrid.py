@@ -110,7 +110,7 @@ class Hybrid(KnownCar):
         size = np.std(chosen.y, axis=0)
 
         def errors(seen: Dataset, unseen: Dataset) -> tuple[np.ndarray, np.ndarray]:
-            run = self.discrepancy.fit(seen).simulate(unseen)
+            run = self.discrepancy.fit(seen)._simulate(unseen)  # which is unlike what it learned from
             return run.measured[run.predicted] / size, run.error[run.predicted] / size
 
         return proved(chosen, signals, shortest, self.folds, errors)
