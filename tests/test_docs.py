@@ -201,7 +201,10 @@ WARNS = {
             "as the motion of the car tells",
         ),
     ),
-    "identify/judge/validate.py": (1, ("whether the model was fitted to some of these data cannot be told",)),
+    "identify/judge/validate.py": (
+        2,
+        ("whether the model was fitted to some of these data cannot be told", "in place of"),
+    ),
     "identify/excitation.py": (1, ("hold the same samples, which then count twice",)),
     "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),
     "identify/networks/estimator.py": (1, ("training diverged before epoch", "training starts from random weights")),
@@ -238,7 +241,7 @@ WARNS = {
     "identify/tires/whole_tire.py": (1, ("the data do not determine", "ends at its bound")),
     "models/analysis/linearize.py": (1, ("is not smooth in",)),
     "models/black_box/model.py": (1, ("no C compiler was found",)),
-    "models/model.py": (1, ("goes astray",)),
+    "models/model.py": (1, ("goes astray", "lie outside of the training data")),
     "models/storage.py": (1, ("where its fit found",)),
     "models/tires/magic_formula/tir.py": (
         5,

@@ -373,3 +373,29 @@ def test_a_lag_is_the_same_by_steps_and_for_a_whole_log(lag):
         x = model.step(x, u)
     assert np.array(seen)[1:] == pytest.approx(expected[1:], abs=1e-9)
     assert model.simulate(data).y == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize(
+    ("channel", "factor", "words"),
+    [
+        ("delta", -1.0, "the sign of delta turned or the sign of r turned"),
+        ("delta", np.degrees(1.0), "delta read in deg"),
+        ("v_x", 3.6, "v_x read in km/h"),
+    ],
+)
+def test_a_channel_that_reads_otherwise_than_in_training_is_named_and_not_adapted_to(channel, factor, words, seed):
+    """The prior lets a gain fall far enough to pass every test: a turned steering had the gain 0.13."""
+    session = with_noise(drive(seed=seed), 0.002)
+    session = session.with_channel(channel, factor * session[channel], session.unit(channel))
+    with pytest.warns(ModelWarning, match=f"the model is left as it is: the free run fits r to .* with {words}"):
+        adapted = Adapt().fit(CAR, session)
+    assert adapted.gains == {"delta": 1.0}
+    assert adapted.outputs_at_zero == {"r": 0.0}
+
+
+def test_where_the_run_goes_astray_by_it_that_is_said():
+    session = with_noise(drive(seed=3), 0.002)
+    session = session.with_channel("v_x", 3.6 * session["v_x"], "m/s")
+    with pytest.raises(SimulationError, match=r"goes astray: .*; the free run fits r to .* with v_x read in km/h"):
+        Adapt().fit(CAR, session)

@@ -16,6 +16,7 @@ from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooS
 from slipangle.fields import Checked, Count, Positive, Whole, Within
 from slipangle.identify.averaging import SCALES, Average, averaged
 from slipangle.identify.judge.intervals import effective_samples
+from slipangle.identify.judge.misread import misread
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.provenance import provenance
 from slipangle.models.wrappers.hybrid import OffsetModel
@@ -39,6 +40,9 @@ class Adapt(Checked):
     values that the others give, and the squared error has to fall by ``worth``, and beyond chance by a t-test of the
     blocks at ``level``; and what is read where an input is above its median, as in bends to the left, may not make the
     run worse where it is below, nor the other way round: a sensor reads alike in both, what a model lacks does not.
+
+    Where a channel's sign is turned, or its unit another than in training, the model comes back unchanged too, and it
+    is said which: no gain near 1 mends that.
 
     Given the training data too, that something changed has to be likelier also if the errors are as large, and last as
     long, as over those: half a minute at one speed may leave a steady error that is small for the model, and yet looks
@@ -149,6 +153,9 @@ class Adapt(Checked):
         self, session: _Session, optimum: _Optimum, average: Average, usual: np.ndarray | None
     ) -> tuple[str, ...]:
         """Why the corrections are not believed, given what errors weigh in the training data; empty if they are."""
+        other = misread(session.model, session.data, session.run)
+        if other:
+            return (f"the model is left as it is: {other}",)
         if not self.folds:
             return ()
         each = zip(session.names, average.mean, session.units, strict=True)
@@ -264,7 +271,8 @@ class _Session:
         self.width = np.array([widths[kind](name) for kind, channels in self.kinds for name in channels])
         self.size = np.array([sd[name] for name in model.outputs])
         self.least = np.array([-model.dt / 3 if n.startswith("lag_") else -np.inf for n in self.names])
-        self.predicted = model.simulate(self.data).predicted
+        self.run = model.simulate(self.data)
+        self.predicted = self.run.predicted
         self.n = int(self.predicted.sum())
 
     def halves(self, name: str) -> list[np.ndarray]:
@@ -347,10 +355,12 @@ class _Session:
         astray = ~(largest < np.where(self.size > 1e-9, _ASTRAY * self.size, np.inf))
         if astray.any():
             j = int(np.argmax(astray))
+            other = misread(self.model, self.data, self.run)
             raise SimulationError(
                 f"the model's free run over the first {self.settings.seconds:g} s of '{self.data.name}' goes astray: "
                 f"{self.model.outputs[j]} is off by {largest[j]:.2g} where it scatters by {self.size[j]:.2g}; expected "
                 "a run that corrections can explain: adapt a model that is stable at these speeds"
+                f"{other and '; '}{other}"
             )
 
     def at(self, theta: np.ndarray, error: np.ndarray) -> _Optimum:

@@ -25,6 +25,7 @@ from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooS
 from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
+from slipangle.models.region import Left, Region
 from slipangle.numerics.critical import even, quantile
 from slipangle.ops import Vector
 from slipangle.shown import Brief, Shown
@@ -93,6 +94,8 @@ class FitInfo(Shown, Equal):
     loose : array, shape (n_free, n_loose), or None
         Directions in which estimates move together without moving any output, such as those of two that only act as a
         product; None for none.
+    region : Region or None
+        Where the training data lay, of models that learned from nothing else what they say there.
     known_covariance : array, shape (n_free, n_free), or None
         What is finite of the covariance where some are loose, see `std_of`.
     """
@@ -113,6 +116,7 @@ class FitInfo(Shown, Equal):
     fingerprint: Fingerprint | None = field(default=None, metadata={"may be missing in a file": True})
     corrections: tuple[str, ...] = field(default=(), metadata={"may be missing in a file": True})
     loose: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
+    region: Region | None = field(default=None, metadata={"may be missing in a file": True})
     known_covariance: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
@@ -238,6 +242,8 @@ class Trajectory(Shown):
         First row of each experiment.
     astray : dict of str to str
         A sentence for each output whose prediction leaves any plausible range of the data.
+    beyond : Left or None
+        Which of the predicted samples lie outside of the data that a learned model was trained on, see `Model.region`.
     units : tuple of str
         Units of the outputs, as the data have them.
     """
@@ -251,6 +257,7 @@ class Trajectory(Shown):
     starts: tuple[int, ...] = field(default=(0,))
     astray: dict[str, str] = field(default_factory=dict)
     units: tuple[str, ...] = ()
+    beyond: Left | None = None
 
     def _words(self) -> str:
         return f"{self.kind} of {', '.join(self.outputs)}, {int(self.predicted.sum())} samples predicted"
@@ -315,6 +322,8 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
         The model without the position and heading that `OnGround` adds.
     alternatives : tuple of Model
         The models that this one is the mean of.
+    region : Region or None
+        Where the data lay that it learned from; None of physics and of straight lines, which go on beyond their data.
     affine : bool
         Whether step and output are straight lines in state and input.
     continuous : tuple or None
@@ -332,6 +341,7 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
     fit_info: FitInfo | None = None
     off_ground: Model = derived(lambda self: self)
     alternatives: tuple[Model, ...] = derived(lambda self: (self,))
+    region: Region | None = derived(lambda self: None if self.fit_info is None else self.fit_info.region)
     n_states: int = derived(lambda self: len(self.states))
     n_inputs: int = derived(lambda self: len(self.inputs))
     n_outputs: int = derived(lambda self: len(self.outputs))
@@ -527,11 +537,16 @@ class Model(FastPaths, Brief, Equal, abc.ABC):
         same: dict[str, Any] = {"t": data.t, "outputs": self.outputs, "starts": data.starts}
         said = astray(y, measured, seen=seen, what=what, **same)
         same["units"] = tuple(data.unit(name) for name in self.outputs)
-        return Trajectory(y=y, measured=measured, predicted=mask, kind=kind, astray=said, **same)
+        beyond = None
+        if self.region is not None:
+            fed = np.hstack([data.columns(self.inputs), y if kind == "free run" else measured])
+            there = dict(zip((*self.inputs, *self.outputs), fed.T, strict=True))
+            beyond = self.region.left(there, t=data.t, what=what, unit=data.unit)
+        return Trajectory(y=y, measured=measured, predicted=mask, kind=kind, astray=said, beyond=beyond, **same)
 
 
 def _announced(run: Trajectory) -> Trajectory:
-    """The run, after a word to whoever asked for it on what left any plausible range."""
-    for sentence in run.astray.values():
+    """The run, after a word to whoever asked for it on what left any plausible range, or what the model learned."""
+    for sentence in (*run.astray.values(), *([run.beyond.sentence] if run.beyond is not None else [])):
         warnings.warn(sentence, ModelWarning, stacklevel=3)
     return run

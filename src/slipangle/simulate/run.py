@@ -5,7 +5,9 @@ from enum import Enum
 
 import numpy as np
 
+from slipangle.data.channels import STANDARD
 from slipangle.errors import ParameterError, nearest
+from slipangle.models.model import Model
 from slipangle.optimal.solution import Plan, Status, count
 from slipangle.paths.path import Path
 from slipangle.shown import Shown
@@ -148,6 +150,46 @@ class Run(Shown):
     def statuses(self) -> dict[Status, int]:
         """How often each solver status occurred."""
         return count(self.plans)
+
+    def beyond(self, model: Model) -> tuple[str, ...]:
+        """What of the drive, and of what its plans foresee, lies outside of the data that a model learned from.
+
+        One sentence each, none where nothing is to be said or the model has no `Model.region`. Of plans, the controls
+        and those outputs count that are states of the plans, at the speed of their beginning.
+
+        Parameters
+        ----------
+        model : Model
+            That the controller plans with.
+        """
+        region, found = model.region, []
+        if region is None:
+            return ()
+        driven = {n: self[n] for n in region.channels if n in (*self.state_names, *self.input_names, "v_x")}
+        runs = [("drive", driven, self.t), ("motion that its plans foresee", *self._foreseen(model))]
+        for what, channels, t in runs:
+            if len(t):
+                found.append(
+                    region.left(channels, t=t, what=what, unit=lambda n: STANDARD[n].unit if n in STANDARD else "-")
+                )
+        return tuple(left.sentence for left in found if left is not None)
+
+    def _foreseen(self, model: Model) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Channels of all fresh plans over their horizons, one plan after the other, and the times they are for. [s]"""
+        fresh = [
+            (p, t) for p, t in zip(self.plans, self.t_plan, strict=True) if p.age == 0 and len(p.x) == len(p.u) + 1
+        ]
+        if not fresh:
+            return {}, np.empty(0)
+        u, x = (np.array([rows(p) for p, _ in fresh]) for rows in (lambda p: p.u, lambda p: p.x[:-1]))
+        shape, states = u.shape[:2], model.states
+        began = np.interp([t for _, t in fresh], self.t, self.v_x)
+        there = {"v_x": np.repeat(began[:, None], shape[1], axis=1)}
+        places = {n: next((states.index(s) for s in (n, f"{n}[k]") if s in states), None) for n in model.outputs}
+        there |= {n: x[:, :, i] for n, i in places.items() if i is not None}
+        there |= {n: u[:, :, i] for i, n in enumerate(self.controls)}
+        ahead = [t + (np.zeros(shape[1]) if p.times is None else p.times[: shape[1]]) for p, t in fresh]
+        return {n: values.ravel() for n, values in there.items()}, np.concatenate(ahead)
 
     @property
     def fallbacks(self) -> int:

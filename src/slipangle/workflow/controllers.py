@@ -295,6 +295,14 @@ def build_driver(
 
 
 def identified_bicycle(model: Model) -> BicycleParams | None:
-    """Mass, geometry and stiffness that a model holds, or None."""
+    """Mass, geometry and stiffness that a model holds, also inside of a hybrid or behind other sensors; or None."""
     own = getattr(getattr(model, "params", None), "bicycle", None)
-    return own or getattr(getattr(model, "ode", None), "bicycle", None)
+    own = own or getattr(getattr(model, "ode", None), "bicycle", None)
+    inside = physics_in(model)
+    return own if own or inside is None else identified_bicycle(inside)
+
+
+def physics_in(model: Model) -> Model | None:
+    """What a hybrid, or a model behind other sensors, is built on; None of others."""
+    inside = getattr(model, "base", None) or getattr(model, "model", None)
+    return inside if isinstance(inside, Model) else None

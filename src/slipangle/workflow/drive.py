@@ -34,7 +34,14 @@ from slipangle.simulate.process import PlantProcess
 from slipangle.simulate.robust import AHEAD, UNMOVED
 from slipangle.simulate.run import Run
 from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
-from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path, require_no_law
+from slipangle.workflow.controllers import (
+    ESTIMATORS,
+    ControllerSettings,
+    EstimatorSettings,
+    build_path,
+    physics_in,
+    require_no_law,
+)
 from slipangle.workflow.controllers import build_mpc as build_mpc
 from slipangle.workflow.controllers import identified_bicycle as identified_bicycle
 from slipangle.workflow.entries import Seed, Weight, Within, of_kind, record
@@ -322,7 +329,8 @@ def late(model: Model, name: str) -> Values:
     """Delay or lag of an identified steering; none where the model has no such parameter. [s]"""
     if isinstance(model, Parametrised) and name in model.parameter_names:
         return Values(delta=model.value(name))
-    return Values()
+    inside = physics_in(model)
+    return Values() if inside is None else late(inside, name)
 
 
 def around(

@@ -177,9 +177,9 @@ KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURA
 KINDS.register("car")(WholeCar)
 _BLACK: tuple[Any, ...] = (
     *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, TransferFunction, RLS, Subspace, PEM),
-    *(StateSpace, Lure, NARX, FreeRunNARX, Hybrid),
+    *(StateSpace, Lure, NARX, FreeRunNARX),
 )
-for _estimator in _BLACK:
+for _estimator in (*_BLACK, Hybrid):
     KINDS.register(called(_estimator))(_estimator)
 KINDS.register("joint")(Joint)
 KINDS.register("neural-state-space")(NeuralStateSpace)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from slipangle import Run, Validation
+from slipangle.identify.judge.validate import beyond_said
 from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
@@ -72,6 +73,8 @@ def _model_verdict(
         )
         for key, label, measure, digits in (*shown, ("rmse", "RMSE", unit, 3))
     )
+    for said in (*([v.misread] if v.misread else []), *beyond_said(v.free_run, name)):
+        sentence += f" {said[0].upper()}{said[1:]}."
     tone: Tone = "poor" if name in v.free_run.astray else stands.word
     evidence = (f"Free run: {spoken(name)}", "Parameters", "Residuals")
     title = f"{v.name}, {spoken(name)}"
@@ -108,6 +111,9 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     )
     if run.fallbacks:
         sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
+    driven = next((v.model for v in outcome.validations if v.name == wanted.model), None)
+    for said in () if driven is None else run.beyond(driven):
+        sentence += f" {said[0].upper()}{said[1:]}."
     if others is not None:
         sentence += f" {_on_others(others, run.marked)}"
     deadline = f"deadline {1000 * wanted.dt:g} ms, margin {100 * (1 - late / wanted.dt):.0f} %"

@@ -121,6 +121,7 @@ def test_the_search_does_not_depend_on_the_basis_of_the_linear_start():
 @pytest.mark.parametrize("curve", ["hardening", "saturation"])
 @pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
 @pytest.mark.filterwarnings("ignore:the free run of 'y' goes astray")  # a thousand times the input
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")
 def test_no_bounded_input_makes_the_free_run_diverge(curve):
     """An integrating plant tempts a fit to leave the stable models: the limit holds, and bounds all free runs."""
     rng = np.random.default_rng(10)

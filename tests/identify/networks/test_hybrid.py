@@ -78,6 +78,7 @@ def nonlinear_response(n=1500, seed=0):
     return data.with_channel("r", y + extra, "rad/s")
 
 
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they are faster or steer less
 def test_discrepancy_explains_what_the_base_leaves():
     train, test = nonlinear_response().split(0.7)
     settings = FreeRunNARX(start=SMALL, max_iterations=60)
@@ -193,6 +194,7 @@ def jointly():
     return start, joint.fit_ensemble(train), test
 
 
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they are faster or steer less
 def test_joint_finds_what_the_physics_lacks(jointly):
     start, ensemble, test = jointly
     before = score(start.simulate(test), "r").rmse
@@ -204,6 +206,7 @@ def test_joint_finds_what_the_physics_lacks(jointly):
     assert ensemble.spread(test)[1:].max() > 0
 
 
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they are faster or steer less
 def test_joint_never_sees_outputs_after_the_start(jointly):
     _, ensemble, test = jointly
     garbage = test["r"].copy()
@@ -213,6 +216,7 @@ def test_joint_never_sees_outputs_after_the_start(jointly):
         assert np.array_equal(model.simulate(test).y[1:], model.simulate(spoiled).y[1:])
 
 
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they are faster or steer less
 def test_joint_finds_its_way_back_from_states_thrown_off(jointly):
     """Two seconds after a start anywhere in the range of the training data, a run is where the undisturbed one is."""
     _, ensemble, test = jointly

@@ -32,6 +32,16 @@ def ensemble():
     return Joint(**TINY, seeds=(0, 1)).fit_ensemble(noisy(300))
 
 
+def test_physics_that_nobody_fitted_is_fitted_before_a_network_is_judged_beside_it():
+    """As it was given it fits the yaw rate far worse, and came back as 'better alone'."""
+    wrong = replace(CAR, params=PARAMS.with_values(C_f=0.6 * PARAMS.C_f, inertia_z=1.6 * PARAMS.inertia_z))
+    data, unseen = noisy(600), noisy(300, seed=4)
+    settings = Joint(**TINY | {"start": wrong, "free": ("C_f", "C_r", "inertia_z")})
+    found = settings.fit(data)
+    assert score(wrong.simulate(unseen), "r").rmse > 0.04  # where the noise is 0.02
+    assert score(found.simulate(unseen), "r").rmse < 0.021
+
+
 def test_where_the_physics_is_right_it_comes_back_and_says_so(ensemble):
     (alone,) = ensemble.members
     harder = drive(300, seed=2)

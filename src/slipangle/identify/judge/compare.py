@@ -130,6 +130,7 @@ def _entry(
     if isinstance(runs, str):
         return Entry(name=name, model=model, failure=runs, warnings=fitted)
     said = tuple(sentence for run in runs for sentence in run.astray.values())
+    said += () if runs[0].beyond is None else (runs[0].beyond.sentence,)
     free, one = (replace(run, predicted=mask) for run in runs)
     return Entry(
         name=name,

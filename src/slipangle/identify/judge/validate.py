@@ -11,15 +11,18 @@ import numpy as np
 from scipy import integrate, optimize, special, stats
 
 from slipangle.data.dataset import Dataset, join, require_dataset
-from slipangle.errors import ModelWarning, ParameterError, TooShortError
+from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.identify.judge.initial import free_run
+from slipangle.identify.judge.misread import misread
 from slipangle.identify.judge.scores import Score, score
 from slipangle.identify.judge.standing import Standing, standing
 from slipangle.models.model import FitInfo, Model, Trajectory
 from slipangle.models.provenance import Overlap, fingerprint, overlap
+from slipangle.models.region import OUTSIDE
 from slipangle.shown import Shown
 
 _BLIND = 0.5  # correlations that a test which lets as much pass for chance does not see
+_TOLD = 10  # samples that tell an error
 _UNNAMED = Dataset.name  # what data are called that nobody named
 
 
@@ -50,6 +53,7 @@ class Validation(Shown):
     one_step_scores: dict[str, Score]  # the same one step ahead
     residuals: dict[str, Residuals]  # correlations of each output's error, with itself and with the inputs
     inputs: tuple[str, ...]
+    misread: str = ""  # which channel, its sign turned or in another unit, would let the model follow the data
     standing: dict[str, Standing] = field(default_factory=dict)  # beside simple models; empty without training data
 
     def _words(self) -> str:
@@ -98,7 +102,9 @@ def validate(
 
     Raises ParameterError if the data overlap those the model was fitted to, or ``train``, or ``max_lag`` is below 1.
 
-    Warns with ModelWarning if a prediction leaves any plausible range of the data; the verdict's sentences say so too.
+    Warns with ModelWarning if a prediction leaves any plausible range of the data, or a learned model's training data
+    (`Model.region`), or a channel reads otherwise than in training, its sign turned or in another unit
+    (`Validation.misread`); the verdict's sentences say so too, and how much worse the model is outside.
 
     Parameters
     ----------
@@ -123,8 +129,14 @@ def validate(
     if not on_training_data:
         require_unseen(model, data)
         _require_apart(train, data)
-    free = free_run(model, data, start="first samples" if start is None else start)
-    one = model.predict(data)
+    free = _free_run(model, data, start)
+    doubt = misread(model, data, free)
+    if doubt:
+        warnings.warn(doubt, ModelWarning, stacklevel=2)
+    with warnings.catch_warnings():
+        if free.beyond is not None:  # said once is enough
+            warnings.filterwarnings("ignore", f".*{OUTSIDE}", ModelWarning)
+        one = model.predict(data)
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
     trained = model.fit_info.n_samples if model.fit_info is not None else None
     return Validation(
@@ -135,17 +147,44 @@ def validate(
         free_run_scores={o: score(free, o) for o in model.outputs},
         one_step_scores={o: score(one, o) for o in model.outputs},
         residuals={
-            o: _with_astray(residual_tests(free, one, chosen, o, max_lag, trained), free, one, o) for o in model.outputs
+            o: _with_astray(residual_tests(free, one, chosen, o, max_lag, trained), free, one, o, doubt)
+            for o in model.outputs
         },
         inputs=model.inputs,
+        misread=doubt,
         standing={} if train is None else {o: standing(free, o, train, data) for o in model.outputs},
     )
 
 
-def _with_astray(tests: Residuals, free: Trajectory, one: Trajectory, output: str) -> Residuals:
-    """The tests, with what is to be said of a prediction that left any plausible range in front."""
+def _free_run(model: Model, data: Dataset, start: int | None) -> Trajectory:
+    """The free run; one that breaks down says also whether a channel reads otherwise than in training."""
+    try:
+        return free_run(model, data, start="first samples" if start is None else start)
+    except SimulationError as error:
+        doubt = misread(model, data, None)
+        if not doubt:
+            raise
+        raise SimulationError(f"{error}; {doubt}") from None
+
+
+def _with_astray(tests: Residuals, free: Trajectory, one: Trajectory, output: str, doubt: str) -> Residuals:
+    """The tests, with what is to be said of a prediction that left any plausible range, or the training data, first."""
     said = tuple(run.astray[output] for run in (free, one) if output in run.astray)
+    ahead = (one.beyond.sentence,) if one.beyond is not None and free.beyond is None else ()
+    said = (*((doubt,) if doubt else ()), *said, *beyond_said(free, output), *ahead)
     return replace(tests, sentences=(*said, *tests.sentences))
+
+
+def beyond_said(run: Trajectory, output: str) -> tuple[str, ...]:
+    """What of a free run lies outside of the training data, and how much worse an output is there; empty if nothing."""
+    if run.beyond is None:
+        return ()
+    rows, error = run.beyond.rows, run.error[:, run.outputs.index(output)] ** 2
+    inside, outside = error[run.predicted & ~rows], error[run.predicted & rows]
+    if min(len(inside), len(outside)) < _TOLD or not inside.any():
+        return (run.beyond.sentence,)
+    times = float(np.sqrt(np.mean(outside) / np.mean(inside)))
+    return (f"{run.beyond.sentence}; the error of {output} is {times:.2g} times that inside (RMS)",)
 
 
 def require_unseen(model: Model, data: Dataset) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -19,7 +19,8 @@ from slipangle.identify.linear.orders import Chosen, Orders, choose, regression
 from slipangle.identify.stability import announced, breakdown_said, noted
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.plausible import growth
-from slipangle.models.wrappers.multi_arx import MultiARXModel, speed_weights
+from slipangle.models.region import Region
+from slipangle.models.wrappers.multi_arx import HELD, MultiARXModel, speed_weights
 
 _APART = 1.15  # ratio of neighbouring speeds, at least
 _REACH = 0.05  # of the first or last of these, by which the data go on beyond it before it is put at their end
@@ -140,6 +141,7 @@ class MultiARX(Checked):
             covariance=np.kron(sigma, whole @ inverse @ whole.T),
             noise_std=np.sqrt(np.diag(sigma)),
             n_samples=count,
+            region=replace(Region.of(data, ("v_x",)), beyond=HELD),
             method=f"{said}least squares on the blended model's one-step-ahead error; covariance for white residuals",
             **found,
         )

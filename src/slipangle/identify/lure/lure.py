@@ -27,6 +27,7 @@ from slipangle.identify.physics.free_run import FreeRun, FreeRunFit
 from slipangle.models.black_box.lure import Curve, LureModel, bend, far_out
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Model
+from slipangle.models.region import Region
 from slipangle.numerics.blas import one_blas_thread
 
 _PARTS = ("A", "B", "C", "D", "W", "V", "E")
@@ -115,6 +116,7 @@ class Lure(Checked):
             covariance=best.covariance,
             noise_std=best.rmse,
             n_samples=data.n_samples,
+            region=Region.of(data),
             method="free-run error and ridge, Levenberg-Marquardt with forward sensitivities; "
             f"{met} of {len(costs)} starts met in the minimum kept",
             warnings=notes,

@@ -22,6 +22,7 @@ from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Activation, Scaling
 from slipangle.models.model import Candidate, FitInfo
 from slipangle.models.provenance import provenance
+from slipangle.models.region import Region
 
 M = TypeVar("M", bound=NetworkModel)
 LINEAR = (
@@ -201,5 +202,6 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             ),
             warnings=trained.warnings,
             **provenance(data),
+            region=Region.of(data),
             trials=trained.trials,
         )

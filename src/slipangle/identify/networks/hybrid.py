@@ -20,6 +20,7 @@ from slipangle.identify.networks.unlike import Proof, proved
 from slipangle.identify.physics.at_the_limit import KnownCar
 from slipangle.models.model import Model
 from slipangle.models.provenance import provenance
+from slipangle.models.region import Region
 from slipangle.models.wrappers.hybrid import HybridModel
 
 _LAGS = 5  # reckoned with where a network chooses them itself
@@ -96,6 +97,7 @@ class Hybrid(KnownCar):
                 warnings=(*info.warnings, *notes),
                 seconds=time.perf_counter() - began,
                 **provenance(data, base.outputs),
+                region=Region.of(data, (*model.inputs, *model.outputs)) if gain else base.region,
             ),
         )
 
@@ -108,7 +110,7 @@ class Hybrid(KnownCar):
         size = np.std(chosen.y, axis=0)
 
         def errors(seen: Dataset, unseen: Dataset) -> tuple[np.ndarray, np.ndarray]:
-            run = self.discrepancy.fit(seen).simulate(unseen)
+            run = self.discrepancy.fit(seen)._simulate(unseen)  # which is unlike what it learned from
             return run.measured[run.predicted] / size, run.error[run.predicted] / size
 
         return proved(chosen, signals, shortest, self.folds, errors)

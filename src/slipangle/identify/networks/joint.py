@@ -11,14 +11,16 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset, require_dataset
-from slipangle.errors import ModelWarning, ParameterError, SimulationError
+from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterError, SimulationError
 from slipangle.fields import Count, NotNegative, Positive, Seed, Whole, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
 from slipangle.identify.networks.joint_problem import JointProblem
 from slipangle.identify.networks.training import Holdout, Progress, require_jax
 from slipangle.identify.networks.unlike import proved
+from slipangle.identify.physics.at_the_limit import FREE as OF_A_CAR
 from slipangle.identify.physics.at_the_limit import KnownCar, require_channels
+from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.black_box.networks import Activation
 from slipangle.models.provenance import provenance
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle
@@ -49,7 +51,9 @@ class Joint(KnownCar):
     Parameters
     ----------
     start : NonlinearBicycle, optional
-        The physics; by default fitted to the same data from mass, wheelbase and l_f (see `KnownCar.bicycle`).
+        The physics; by default fitted to the same data from mass, wheelbase and l_f (see `KnownCar.bicycle`). One that
+        was not fitted is fitted to them first, where that lowers its error by ``worth``: what is ``free`` of the
+        parameters that are fitted by default.
     free : tuple of str
         Parameters that move with the network.
     corrects : {"derivative", "tires"}
@@ -149,6 +153,7 @@ class Joint(KnownCar):
             start = self.bicycle(data)
         else:
             require_channels(data)
+            start = start if start.fit_info is not None else self._fitted(start, data)
         names = tuple(n for n in self.also if n in data and n not in start.outputs)
         chosen = data.select(inputs=start.inputs, outputs=(*start.outputs, *names))
         start.check(chosen)
@@ -170,6 +175,20 @@ class Joint(KnownCar):
                 told.part += 1
                 began = time.perf_counter()
         return tuple(models)
+
+    def _fitted(self, start: NonlinearBicycle, data: Dataset) -> NonlinearBicycle:
+        """Physics that nobody fitted, with those of its parameters that are free fitted, where that is worth it.
+
+        A network that is judged beside wrong parameters is either better for that, or they come back as the better.
+        """
+        free = tuple(name for name in OF_A_CAR if name in self.free)
+        if not free:
+            return start
+        with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
+            fitted = GreyBox(start=start, free=free).fit(data.select(inputs=start.inputs, outputs=start.outputs))
+        size = np.std(data.columns(start.outputs), axis=0)
+        now, then = (float(np.sqrt(np.mean((_errors(model, data) / size) ** 2))) for model in (start, fitted))
+        return fitted if then < (1 - self.worth) * now else start
 
     def _problem(self, start: NonlinearBicycle, data: Dataset) -> JointProblem:
         """What is solved over data."""

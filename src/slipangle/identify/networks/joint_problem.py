@@ -15,6 +15,7 @@ from slipangle.identify.networks.runs import PaddedRuns, side_by_side
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.provenance import provenance
+from slipangle.models.region import Region
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
@@ -209,7 +210,7 @@ class JointProblem:
             info = replace(start.fit_info, trials=info.trials)
         else:
             nothing = {"names": (), "units": (), "values": np.zeros(0), "covariance": np.zeros((0, 0))}
-            info = replace(info, **nothing, method="the physics as it was given")
+            info = replace(info, **nothing, region=None, method="the physics as it was given")
         (trial,) = info.trials
         return replace(
             model, fit_info=replace(info, warnings=(*info.warnings, doubt), trials=(replace(trial, note=doubt),))
@@ -235,6 +236,7 @@ class JointProblem:
             f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
             warnings=self.physics.fit_info.warnings if self.physics.fit_info is not None and s.start is None else (),
             **provenance(data),
+            region=Region.of(data, (*self.template.inputs, *self.physics.outputs)),
             trials=(trial,),
         )
 

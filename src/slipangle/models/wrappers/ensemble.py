@@ -36,6 +36,7 @@ class EnsembleModel(Model):
     states = derived(lambda self: tuple(f"{k}: {name}" for k, m in enumerate(self.members) for name in m.states))
     memory = derived(lambda self: max(member.memory for member in self.members))
     alternatives = taken("members")
+    region = derived(lambda self: self.members[0].region)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "members", tuple(self.members))

@@ -13,6 +13,7 @@ from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.fields import Checked, Within
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.model import FitInfo, Model, derived, taken
+from slipangle.models.region import Region
 from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, concatenate, stack
 
@@ -235,6 +236,12 @@ class OffsetModel(Wrapper):
                 raise ParameterError(
                     f"the lag of '{name}' is {lag:g} s; expected at least {-self.dt / 3:.3g} s, a third of a sample"
                 )
+
+    @derived
+    def region(self) -> Region | None:
+        """Where the model's training data would lie if these sensors had read them."""
+        inside, zeros = self.model.region, {**self.inputs_at_zero, **self.outputs_at_zero}
+        return inside.behind(self.gains, zeros) if inside and min(self.gains.values(), default=1.0) > 0 else None
 
     def _meant(self, u: Vector) -> list[Scalar]:
         """Inputs as the sensors' zeros and gains correct them, before any lag."""

@@ -18,8 +18,10 @@ from slipangle.fields import Checked
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.model import shifted
 from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.region import Region
 from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
 
+HELD = "the nearest of the models is used there as it is: identify one for such speeds, or doubt what they say"
 Shape = Literal["triangular", "smooth"]
 
 
@@ -130,6 +132,14 @@ class SpeedBlend(Checked, Model):
     def weights(self, v_x: Scalar) -> list[Scalar]:
         """Weight of each model at a speed [m/s], see `speed_weights`."""
         return speed_weights(v_x, self.speeds, self.shape)
+
+    @derived
+    def region(self) -> Region:
+        """Speeds that it was fitted to or, where nobody tells, those of the models."""
+        if self.fit_info is not None and self.fit_info.region is not None:
+            return self.fit_info.region
+        ends = np.array(self.speeds)[[0, -1], None]
+        return Region(channels=("v_x",), low=ends[0], high=ends[1], hull=np.empty((0, 6, 2)), beyond=HELD)
 
     def outside(self, v_x: float) -> bool:
         """Whether a speed [m/s] lies outside the range of the models."""

@@ -16,6 +16,7 @@ class Wrapper(Model):
     states = taken("model.states")
     memory = taken("model.memory")
     quantities = taken("model.quantities")
+    region = taken("model.region")
 
     @derived
     def alternatives(self) -> tuple[Model, ...]:
