@@ -60,7 +60,12 @@ DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
-MORE = 10  # iterations with a line search where full steps were not enough
+CONTENT = 10  # iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints
+NO_NEARER, NO_NEARER_PAID = (
+    8,
+    5,
+)  # such that bring constraints no nearer, after which they fall back; where no step keeps limits
+MORE = 30  # most of them, where full steps were not enough
 
 
 @dataclass(kw_only=True, eq=False)
@@ -768,6 +773,10 @@ class WorkArea(Engine):
                 price, priced = 100 * price, count
             if violation < 0.9 * nearest:
                 nearest, neared = violation, count
+            if loose and nearest > FEASIBLE and count - neared >= (NO_NEARER_PAID if paid else NO_NEARER):
+                return u, x, replace(iterate, status=Status.INFEASIBLE) if paid else iterate
+            if loose and count >= CONTENT and violation <= FEASIBLE and not paid:
+                return u, x, iterate
             if len(self._plain) and not soft and nearest > 1e-6 and count - neared >= PATIENCE:  # or about kept ones
                 price, dearest = (price, dearest) if price else (first, PRICES * first)
                 soft, priced = True, count

@@ -1216,6 +1216,10 @@ static int converge(Work *s, int64_t most, int loose)
             price *= 100, priced = n;
         if (s->violation < 0.9 * nearest)
             nearest = s->violation, neared = n;
+        if (loose && nearest > FEASIBLE && n - neared >= (paid ? NO_NEARER_PAID : NO_NEARER))
+            return paid ? INFEASIBLE : ITERATION_LIMIT;
+        if (loose && n >= CONTENT && s->violation <= FEASIBLE && !paid)
+            return ITERATION_LIMIT;
         if (N_LIMITS > 0 && !soft && nearest > FEASIBLE && n - neared >= PATIENCE) { /* or about limits that are just kept */
             price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
             soft = 1, priced = n;

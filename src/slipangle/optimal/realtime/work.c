@@ -46,7 +46,10 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define FEW_STEPS 5 /* whole ones, after which a plan may still be far from where they began */
 #define DEARER 1e-6 /* of its cost, by which a plan is dearer than what it began with */
 #define FEASIBLE 1e-6 /* an unfinished answer with no larger violation of a constraint is still a plan */
-#define MORE 10  /* iterations with a line search where full steps were not enough */
+#define CONTENT 10 /* iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints */
+#define NO_NEARER 8 /* such in a row that bring constraints no nearer, after which they had better fall back */
+#define NO_NEARER_PAID 5 /* the same where no step keeps the limits */
+#define MORE 30 /* most of them, where full steps were not enough */
 
 typedef struct {
     /* what Python sets */
