@@ -579,7 +579,7 @@ class WorkArea(Engine):
 
     def _iterate(self, u: np.ndarray, x: np.ndarray) -> Solution:
         """A fixed number of full steps."""
-        promise, took, count = None, 0.0, 0
+        promise, took, count, left = None, 0.0, 0, (np.empty((0, 0)), np.empty(0))
         for count in range(1, self._settings.iterations + 1):
             begin = perf_counter()
             if begin + took > self._until:
@@ -592,10 +592,13 @@ class WorkArea(Engine):
             if status is not Status.SOLVED:
                 return self._stopped(u, x, Iterate(status, count - 1))
             du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
-            u, x = u + du, x + dx
+            u, x, left = u + du, x + dx, (H, step)
             took = perf_counter() - begin
         status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
-        return self._finish(u, x, status, count, self._true(u, x, promise))
+        truth = self._true(u, x, promise)
+        if promise is not None and blurred(left[0], np.diag(self._quadratic), left[1], 0.5 * (truth[0] + promise.bend)):
+            truth = (*truth[:2], np.inf)
+        return self._finish(u, x, status, count, truth)
 
     def _expand(
         self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray
@@ -765,7 +768,8 @@ class WorkArea(Engine):
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last and not hazy else Status.STALLED)
             rough = loose or late or (count == most and self._settings.iterations > 0)  # 0: to the optimum, as asked
-            if residual <= accept and not paid and rough and (loose or not outgrown(m.A, self.ocp.jumps)):
+            hazy = loose and blurred(H, np.diag(self._quadratic), step, half + 0.5 * promise.bend)
+            if residual <= accept and not (paid or hazy) and rough and (loose or not outgrown(m.A, self.ocp.jumps)):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)

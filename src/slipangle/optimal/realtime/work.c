@@ -93,6 +93,7 @@ typedef struct {
     double top;  /* largest curvature by an input, of the program condensed */
     double own[N * NU], blur; /* that by each, and what was added to it so that there is a factor */
     int64_t unstable; /* whether that blurs the optimum, as states that grow much do: it is not condensed any more */
+    int64_t astray; /* whether a step of this solve, by stages, goes so far without its inputs that few digits are left */
     int64_t frail; /* whether the last program was condensed with few digits */
     double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
