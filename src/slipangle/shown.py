@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from slipangle.errors import ParameterError
+
 WIDEST = 160  # letters of a line about a record with all that it holds
 _INSIDE = 60  # of those, for one value that is no record
 _SOME = 6  # entries of a list that are said
@@ -47,8 +49,14 @@ class Shown(_InNotebook):
 
         It shows in a notebook; `slipangle.save_figure` writes it for a publication.
 
-        Raises ParameterError if there is no channel or output of a name.
+        Raises ParameterError if there is no channel or output of a name, or something is no name.
         """
+        for name in names:
+            if not isinstance(name, str):
+                got = said(name)
+                raise ParameterError(
+                    f"plot() was given {got} for a name; expected strings one by one: plot('v_x', 'r')"
+                )
         return import_module("slipangle.report.drawn").figure(self, names)  # a room above all others here
 
 

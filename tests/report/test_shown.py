@@ -302,6 +302,9 @@ def test_scores_are_read_in_degrees_as_figures_are(results):
         ("verdict", ("r", "r"), "2 outputs for one figure; expected one of r"),
         ("path", ("X",), "no channel of a path 'X'"),
         ("run", ("yaw",), "the run has no channel 'yaw'"),
+        ("run", (["X", "Y"],), r"plot\(\) was given \('X', 'Y'\) for a name; expected strings one by one"),
+        ("data", (3,), r"plot\(\) was given 3 for a name"),
+        ("plan", (None,), r"plot\(\) was given None for a name"),
     ],
 )
 def test_names_that_are_not_there_get_a_sentence(results, name, asked, said):

@@ -1,5 +1,6 @@
 """The fastest lap against closed forms, mirror images, finer points, and its own multipliers against laps anew."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -231,6 +232,18 @@ def test_a_track_without_edges_is_named():
 def test_a_lap_that_was_not_found_is_no_lap():
     with pytest.raises(SolverError, match="iteration limit"):
         sa.fastest_lap(RACER, circuit(), points=60, iterations=2)
+
+
+@pytest.mark.parametrize(("delta_max", "named"), [(0.04, True), (0.5, False)])
+def test_a_steering_that_does_not_turn_enough_is_named(delta_max, named):
+    """Round the inside of a ring of 20 m, 2.7 m between the axles: atan(2.7 / 17) = 0.16 rad, by geometry alone."""
+    small, car = ring(radius=20.0, width=4.0), replace(RACER, delta_max=delta_max)
+    with pytest.raises(SolverError) as caught:
+        sa.fastest_lap(car, small, points=40, iterations=30 if named else 2)
+    said = re.search(r"turns the wheels by 0.04 rad at most, .* takes (\S+) rad on the line", str(caught.value))
+    assert bool(said) == named
+    if said:
+        assert np.arctan(2.7 / 23.05) - 2e-3 <= float(said[1]) <= np.arctan(2.7 / 16.95) + 2e-3
 
 
 def test_a_start_too_fast_to_brake_from_is_named():

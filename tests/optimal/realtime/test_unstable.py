@@ -33,7 +33,7 @@ def pushed(pole, horizon, dt, weight):
         P = Q + F.T @ P @ (F - G @ K)
         P = 0.5 * (P + P.T)
     weights = {"Q": sa.Weights(s=1.0, v=0.01), "R": sa.Weights(a=weight), "limits": sa.Limits(a=1e4)}
-    return sa.MPC(model, horizon=horizon, controls=("a",), **weights), float(START @ P @ START), float(-(K @ START)[0])
+    return sa.MPC(model, horizon=horizon, controls=("a",), **weights), float(START @ P @ START), -K[0]
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler was found")
@@ -52,12 +52,12 @@ def pushed(pole, horizon, dt, weight):
 def test_what_is_named_solved_is_the_optimum(pole, horizon, dt, known, weight, solver, request, monkeypatch):
     if "interpreted" in request.node.name:
         monkeypatch.setenv("SLIPANGLE_CC", "none")
-    mpc, cost, first = pushed(pole, horizon, dt, weight)
+    mpc, cost, law = pushed(pole, horizon, dt, weight)
     mpc = sa.MPC(ocp=mpc.ocp, solver=sa.RealTime(**solver))
     plan = mpc.plan(START)
     if plan.status.solved:
         assert plan.cost == pytest.approx(cost, rel=1e-5)
-        assert plan.command[0] == pytest.approx(first, rel=1e-4)
+        assert plan.command[0] == pytest.approx(law @ START, rel=1e-4)
     stages = {"auto", "riccati", "exact"}
     grows = pole * horizon * dt
     if known or (grows < 28 and any(f"-{way}]" in request.node.name for way in stages)):
@@ -65,17 +65,31 @@ def test_what_is_named_solved_is_the_optimum(pole, horizon, dt, known, weight, s
 
 
 @needs_compiler
-def test_in_a_loop_such_plans_stay_the_optimum():
-    """One real-time iteration from plan to plan, which leaves what five hundred billion times rounding makes."""
-    mpc, _, _ = pushed(6.0, 30, 0.15, 1e-4)
-    x, plan = START, None
+@pytest.mark.parametrize("disturbed", [0.0, 1e-3])
+@pytest.mark.parametrize(("pole", "horizon", "dt"), [(6.0, 30, 0.15), (20.0, 20, 0.05), (27.0, 20, 0.05)])
+@pytest.mark.parametrize("qp", ["auto", "riccati"])
+def test_in_a_loop_such_plans_stay_the_optimum(pole, horizon, dt, disturbed, qp):
+    """From plan to plan by real-time iterations; states grow by five hundred million to five hundred billion times."""
+    mpc, _, law = pushed(pole, horizon, dt, 1e-4)
+    mpc = sa.MPC(ocp=mpc.ocp, solver=sa.RealTime(qp=qp))
+    rng, x, plan = np.random.default_rng(0), START, None
     for _ in range(8):
         plan = mpc.plan(x, previous=plan)
         assert plan.status.solved
-        fresh = mpc.plan(x)
-        assert plan.command[0] == pytest.approx(fresh.command[0], rel=1e-3, abs=1e-6)
-        x = np.asarray(mpc.ocp.model.step(x, plan.command))
-    assert abs(x[0]) < 1e-4
+        assert plan.command[0] == pytest.approx(law @ x, rel=1e-3, abs=1e-6)
+        x = np.asarray(mpc.ocp.model.step(x, plan.command)) + disturbed * rng.standard_normal(2)
+    assert abs(x[0]) < 1e-4 + 10 * disturbed
+
+
+@needs_compiler
+def test_where_rounding_leaves_no_optimum_going_on_from_a_plan_says_so():
+    """States grow by exp(40): what real-time iterations find is not named a step towards the optimum."""
+    mpc, _, law = pushed(20.0, 40, 0.05, 1e-4)
+    rng, x, plan = np.random.default_rng(0), START, None
+    for _ in range(8):
+        plan = mpc.plan(x, previous=plan)
+        assert not plan.status.solved or plan.command[0] == pytest.approx(law @ x, rel=1e-3)
+        x = np.asarray(mpc.ocp.model.step(x, [law @ x])) + 1e-3 * rng.standard_normal(2)
 
 
 @pytest.mark.parametrize("solver", WAYS[:1])

@@ -126,7 +126,7 @@ def fastest_lap(
     )
     solved = solve(problem, guess, iterations=iterations, tolerance=tolerance)
     if not solved.status.solved:
-        said = _said(solved.status, v_start, float(v[0]))
+        said = _said(solved.status, v_start, float(v[0]), _too_tight(vehicle, along, bend))
         raise SolverError(f"no fastest lap of '{track.name}' was found in {solved.iterations} iterations: {said}")
     return lap_of(
         vehicle,
@@ -160,9 +160,24 @@ def _weights(car: LapCar, smoothness: float) -> np.ndarray:
     return smoothness * np.array(_SMOOTH) / np.array([yaw, car.delta_rate, car.force_rate * car.weight]) ** 2
 
 
-def _said(status: Status, v_start: float | None, slowed: float) -> str:
+def _too_tight(car: LapCar, along: Course, bend: np.ndarray) -> str:
+    """What the tightest bend of the line of least curvature asks of the steering, where that is more than it has."""
+    tightest = int(np.argmax(np.abs(bend)))
+    asked = math.atan(car.wheelbase * abs(float(bend[tightest])))
+    if asked <= car.delta_max:
+        return ""
+    return (
+        f"the steering turns the wheels by {car.delta_max:.3g} rad at most, and rolling round the bend at "
+        f"{along.s[tightest]:.0f} m takes {asked:.3g} rad on the line of least curvature; expected a larger "
+        "delta_max, a shorter wheelbase or a wider track there"
+    )
+
+
+def _said(status: Status, v_start: float | None, slowed: float, too_tight: str) -> str:
     if v_start is not None and v_start > slowed:
         return f"v_start is {v_start:g} m/s, {slowed:.3g} could brake for what follows; expected a lower one"
+    if too_tight:
+        return too_tight
     if status is Status.ITERATION_LIMIT:
         return "the iteration limit was reached; allow more iterations, or another number of points"
     if status is Status.INFEASIBLE:

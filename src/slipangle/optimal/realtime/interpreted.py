@@ -60,7 +60,12 @@ DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
-MORE = 10  # iterations with a line search where full steps were not enough
+CONTENT = 10  # iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints
+NO_NEARER, NO_NEARER_PAID = (
+    8,
+    5,
+)  # such that bring constraints no nearer, after which they fall back; where no step keeps limits
+MORE = 30  # most of them, where full steps were not enough
 
 
 @dataclass(kw_only=True, eq=False)
@@ -574,7 +579,7 @@ class WorkArea(Engine):
 
     def _iterate(self, u: np.ndarray, x: np.ndarray) -> Solution:
         """A fixed number of full steps."""
-        promise, took, count = None, 0.0, 0
+        promise, took, count, left = None, 0.0, 0, (np.empty((0, 0)), np.empty(0))
         for count in range(1, self._settings.iterations + 1):
             begin = perf_counter()
             if begin + took > self._until:
@@ -587,10 +592,13 @@ class WorkArea(Engine):
             if status is not Status.SOLVED:
                 return self._stopped(u, x, Iterate(status, count - 1))
             du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
-            u, x = u + du, x + dx
+            u, x, left = u + du, x + dx, (H, step)
             took = perf_counter() - begin
         status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
-        return self._finish(u, x, status, count, self._true(u, x, promise))
+        truth = self._true(u, x, promise)
+        if promise is not None and blurred(left[0], np.diag(self._quadratic), left[1], 0.5 * (truth[0] + promise.bend)):
+            truth = (*truth[:2], np.inf)
+        return self._finish(u, x, status, count, truth)
 
     def _expand(
         self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray
@@ -760,7 +768,8 @@ class WorkArea(Engine):
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last and not hazy else Status.STALLED)
             rough = loose or late or (count == most and self._settings.iterations > 0)  # 0: to the optimum, as asked
-            if residual <= accept and not paid and rough and (loose or not outgrown(m.A, self.ocp.jumps)):
+            hazy = loose and blurred(H, np.diag(self._quadratic), step, half + 0.5 * promise.bend)
+            if residual <= accept and not (paid or hazy) and rough and (loose or not outgrown(m.A, self.ocp.jumps)):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)
@@ -768,6 +777,10 @@ class WorkArea(Engine):
                 price, priced = 100 * price, count
             if violation < 0.9 * nearest:
                 nearest, neared = violation, count
+            if loose and nearest > FEASIBLE and count - neared >= (NO_NEARER_PAID if paid else NO_NEARER):
+                return u, x, replace(iterate, status=Status.INFEASIBLE) if paid else iterate
+            if loose and count >= CONTENT and violation <= FEASIBLE and not paid:
+                return u, x, iterate
             if len(self._plain) and not soft and nearest > 1e-6 and count - neared >= PATIENCE:  # or about kept ones
                 price, dearest = (price, dearest) if price else (first, PRICES * first)
                 soft, priced = True, count

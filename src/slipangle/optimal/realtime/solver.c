@@ -867,6 +867,20 @@ static int solve_condensed(Work *s, int warm)
     return solve_thicker(s, status);
 }
 
+#ifdef RICCATI
+#define ASTRAY 1e5 /* times that a step goes farther without its inputs: its digits are lost by the square, and one more is due */
+
+/* Largest change of a state over the horizon, in `units`. */
+static double farthest(const Work *s)
+{
+    double of_x[NX], most = 0;
+    units(s->x, NS + 1, NX, of_x);
+    for (int i = 0; i < (NS + 1) * NX; i++)
+        most = larger(fabs(s->dx[i]) * of_x[i % NX], most);
+    return most;
+}
+#endif
+
 static int solve_qp(Work *s, int warm)
 {
     int status = QP_NUMBER;
@@ -874,6 +888,7 @@ static int solve_qp(Work *s, int warm)
     feed(s);
 #ifdef RICCATI
     int posed = SOLVED;
+    double unheld = s->by_stages ? farthest(s) : 0;
     status = solve_by_stages(s, warm, &posed);
     if (posed != SOLVED)
         return posed;
@@ -886,6 +901,9 @@ static int solve_qp(Work *s, int warm)
         for (int a = 0; a < N * NU; a++)
             s->du[a] = SCALE[a % NU] * s->qp.u[a];
         move_states(s, 1);
+#ifdef RICCATI
+        s->astray |= s->by_stages && unheld > ASTRAY * farthest(s);
+#endif
         promise(s);
         s->step = step_size(s);
         memcpy(s->u_from, s->u, sizeof s->u);
@@ -936,6 +954,17 @@ static int outgrown(const Work *s)
                 return 1;
     }
     return 0;
+}
+
+/* Whether digits are lost that no further step brings back. */
+static int hidden(const Work *s)
+{
+#ifdef RICCATI
+    return (GROWS || s->astray) && outgrown(s);
+#else
+    (void)s;
+    return 0;
+#endif
 }
 
 /* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
@@ -1208,14 +1237,18 @@ static int converge(Work *s, int64_t most, int loose)
             price *= 100, priced = n, idle = 0, least = INFINITY, settled = last;
             continue;
         }
-        if (loose && accepted(s) && !paid)
-            return ITERATED;
+        if (loose && accepted(s) && !paid && !blurred(s, cost + 0.5 * s->bend))
+            return hidden(s) ? STALLED : ITERATED;
         if (t < 1e-6)
             return !outgrown(s) && near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
         if (paid && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
             price *= 100, priced = n;
         if (s->violation < 0.9 * nearest)
             nearest = s->violation, neared = n;
+        if (loose && nearest > FEASIBLE && n - neared >= (paid ? NO_NEARER_PAID : NO_NEARER))
+            return paid ? INFEASIBLE : ITERATION_LIMIT;
+        if (loose && n >= CONTENT && s->violation <= FEASIBLE && !paid)
+            return ITERATION_LIMIT;
         if (N_LIMITS > 0 && !soft && nearest > FEASIBLE && n - neared >= PATIENCE) { /* or about limits that are just kept */
             price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
             soft = 1, priced = n;
@@ -1500,7 +1533,7 @@ static void start(Work *s)
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];
     }
-    s->iterations = s->qp_iterations = s->pairs = s->anew = 0, s->damp = 0;
+    s->iterations = s->qp_iterations = s->pairs = s->anew = s->unstable = s->astray = 0, s->damp = 0;
     s->cost = NAN, s->violation = s->residual = INFINITY;
     if (s->fresh == CONTINUE)
         recall_rows(s);
@@ -1554,8 +1587,13 @@ int rt_prepare(Work *s)
    not allow, as after a jump of an obstacle: those that follow may miss limits at a price on their way. */
 static int finish(Work *s, int status)
 {
-    if (status == ITERATED && accepted(s))
-        return status;
+    int hazy = status == ITERATED && blurred(s, 0.5 * (s->cost + s->bend));
+#ifdef RICCATI
+    s->unstable |= hazy;
+    hazy |= (int)s->astray;
+#endif
+    if (status == ITERATED && accepted(s) && !hazy)
+        return hidden(s) ? STALLED : status;
     if (status == ITERATED || status == INFEASIBLE) {
         int ended = converge(s, s->max_iterations < MORE ? s->max_iterations : MORE, 1);
         status = status == ITERATED || leads_on(s, ended) ? ended : INFEASIBLE;

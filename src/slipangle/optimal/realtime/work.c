@@ -46,7 +46,10 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define FEW_STEPS 5 /* whole ones, after which a plan may still be far from where they began */
 #define DEARER 1e-6 /* of its cost, by which a plan is dearer than what it began with */
 #define FEASIBLE 1e-6 /* an unfinished answer with no larger violation of a constraint is still a plan */
-#define MORE 10  /* iterations with a line search where full steps were not enough */
+#define CONTENT 10 /* iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints */
+#define NO_NEARER 8 /* such in a row that bring constraints no nearer, after which they had better fall back */
+#define NO_NEARER_PAID 5 /* the same where no step keeps the limits */
+#define MORE 30 /* most of them, where full steps were not enough */
 
 typedef struct {
     /* what Python sets */
@@ -90,6 +93,7 @@ typedef struct {
     double top;  /* largest curvature by an input, of the program condensed */
     double own[N * NU], blur; /* that by each, and what was added to it so that there is a factor */
     int64_t unstable; /* whether that blurs the optimum, as states that grow much do: it is not condensed any more */
+    int64_t astray; /* whether a step of this solve, by stages, goes so far without its inputs that few digits are left */
     int64_t frail; /* whether the last program was condensed with few digits */
     double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
