@@ -181,7 +181,7 @@ def test_what_every_car_has_need_not_earn_its_parameters_and_what_is_constant_mu
     assert structures.helps(linear, better, level, level, ordinary)
     assert not structures.helps(linear, no_better, level, level, ordinary)
     assert not structures.helps(linear, better, level, 2.0 * level, ordinary)  # it does harm
-    uneven, even = np.array([[0.3], [0.4], [0.3], [1.9]]), np.array([[0.9], [0.8], [0.9], [0.7]])
+    uneven, even = np.array([[0.3], [0.4], [0.9], [2.6]]), np.array([[0.9], [0.8], [0.9], [0.7]])
     much = fitted(0.7, 6)
     assert structures.helps(linear, much, level, uneven, plain)
     assert not structures.helps(linear, much, level, uneven, constant)

@@ -324,8 +324,10 @@ def identify_car(
     sensors' biases and the place of that of v_y, relaxation of the tires, rear wheels that turn as one where v_y or
     a_y is fitted, downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its parameters on
     three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all of them.
-    Where the car spins, the log is left out. Noise and steps of v_x, an input, are taken out for the fit. Intervals
-    take in what stretches, and structures that explain the log about as well, disagree on.
+    Saturation need not earn its parameters where the log reaches 0.6 of gravity, as every tire has it; biases, which
+    are the same all the time, have to help on most held-out stretches. Where the zero of delta moves in mid log,
+    it is put back. Where the car spins, the log is left out. Noise and steps of v_x, an input, are taken out for the
+    fit. Intervals take in what stretches, and structures that explain the log about as well, disagree on.
 
     Parameters
     ----------

@@ -369,7 +369,7 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
     no_harm = max(moved, together) < max(_HARM, (2.0 if by.ordinary else 1.0) * scatter)
     everywhere = bool((held_after <= held_before).all())
-    if by.constant and not (everywhere or moved < -2.0 * scatter):
+    if by.constant and not (everywhere or moved < -scatter):
         return False
     gain = worth(before, after, 0 if by.ordinary else len(after.names) - len(before.names))
     return bool((gain > 0 and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
