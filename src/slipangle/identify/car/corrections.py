@@ -26,7 +26,7 @@ LOADS = ("height", "load_lag", "drive_rear", "brake_rear")
 _STOOD_IN = {"lever_v_y": 0.0, "gain_v_y": 1.0}  # for a locked axle
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
-_SLIDES = 0.6  # of gravity, lateral acceleration from which any tire's curve bends visibly
+SLIDES = 0.6  # of gravity, lateral acceleration from which any tire's curve bends visibly
 _RATES = (0.5, 0.2)  # limit of the steering's rate where its search starts, over the fastest that was steered
 SLOW, FAST = 0.05, 0.95  # quantiles of the speeds that were driven
 _UNLIKE = 1.4  # fast over slow driving, from which downforce can be told
@@ -71,7 +71,7 @@ def corrections(
     listed = [
         Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), around=_steered),
         Correction("the steering's gain is free", ("steering_gain",)),
-        Correction("the axles saturate", ("mu_f", "mu_r"), frictions, ordinary=used > _SLIDES),
+        Correction("the axles saturate", ("mu_f", "mu_r"), frictions, ordinary=used > SLIDES),
         Correction("the shape of the tire curves is free", ("shape",)),
         Correction(
             "the steering's rate has a limit",

@@ -24,7 +24,7 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.climb import climb, linear_bicycle
-from slipangle.identify.car.corrections import Correction, corrections
+from slipangle.identify.car.corrections import SLIDES, Correction, corrections, friction_used
 from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
@@ -284,11 +284,12 @@ class WholeCar(Checked):
         """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel.
 
         What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone:
-        then geometry has to tell it.
+        then geometry has to tell it. At the limit of grip tires bend for sure, and turned wheels would stand in for
+        that before friction is free.
         """
         most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else _SMALL
         asked = np.abs(data["r"] * self.wheelbase / data["v_x"])
-        return "delta_r" in data or float(np.quantile(asked, 0.99)) < most
+        return "delta_r" in data or friction_used(data) > SLIDES or float(np.quantile(asked, 0.99)) < most
 
     def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
         """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
