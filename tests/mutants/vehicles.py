@@ -24,7 +24,17 @@ MUTANTS = [
             ),
             ("axle: sign of the rear slip angle", ", -atan2(v_yr, v)", ", atan2(v_yr, v)"),
             ("axle: small slip angle of the front axle", "delta - v_yf / v", "delta + v_yf / v"),
-            ("axle: small slip angle of the rear axle", "-v_yr / v", "v_yr / v"),
+            (
+                "axle: small slip angle of the rear axle",
+                "return delta - v_yf / v, -v_yr / v",
+                "return delta - v_yf / v, v_yr / v",
+            ),
+            (
+                "axle: slip angle of the rear axle behind turned wheels",
+                "atan(v_yf / v), -v_yr / v",
+                "atan(v_yf / v), v_yr / v",
+            ),
+            ("axle: slip angle of turned wheels", "delta - atan(v_yf / v)", "delta + atan(v_yf / v)"),
             (
                 "axle: rotation of the side force",
                 "F_x * cos(delta) - F_y * sin(delta)",
@@ -182,7 +192,7 @@ MUTANTS = [
             ("load transfer: a car that turns gains no speed across", "- v_y * r", "+ v_y * r"),
             ("load transfer: the speed as logged", "p.gain_v_x * self._gains", "self._gains"),
             ("load transfer: brakes drive", "self.drive_rear * drive", "self.brake_rear * drive"),
-            ("load transfer: the front does what the rear does", "(a_x - rear) /", "rear /"),
+            ("load transfer: the front does what the rear does", "(pushed - rear) /", "rear /"),
             ("load transfer: wheels push where the car points", "along_f=along_f, ", ""),
             ("load transfer: a tire alike both ways", "(used / _ALONG) ** 2", "used**2"),
             ("load transfer: grip of the car at rest", "p.mu_r * loads[1] * p.l_f", "p.mu_r * p.l_f"),

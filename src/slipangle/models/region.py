@@ -28,8 +28,7 @@ class Region(Equal):
     """Range of every channel of the training data, and for each two of them the convex hull of where they lay together.
 
     The hull of two channels is a polygon of sixteen sides: high speed and large steering may both be in the data, and
-    never together. Ranges leave
-    out one sample of a thousand at either end.
+    never together. Ranges leave out one sample of a thousand at either end.
 
     Parameters
     ----------
@@ -65,7 +64,15 @@ class Region(Equal):
         return cls(channels=names, low=low, high=high, hull=np.array(hulls).reshape(-1, len(_TURNS), 2))
 
     def behind(self, gains: Mapping[str, float], zeros: Mapping[str, float]) -> Self:
-        """The same of sensors that read ``channel / gain + zero``, gains being positive."""
+        """The same of sensors that read ``channel / gain + zero``.
+
+        Parameters
+        ----------
+        gains : mapping of str to float
+            By channel, above zero; 1 of all others. [-]
+        zeros : mapping of str to float
+            What each channel reads at zero, SI units; 0 of all others.
+        """
         gain, zero = (
             np.array([given.get(n, other) for n in self.channels]) for given, other in ((gains, 1), (zeros, 0))
         )

@@ -55,7 +55,8 @@ from slipangle.shown import Shown
 
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
-_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN, _FLOOR_TURNED = 0.05, 0.2, 0.01, 0.04
+_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_FLOOR_FAR, _FLOOR_GAIN_FAR, _FAR = 0.2, 0.04, 0.35  # the same where wheels are turned so far [rad] and farther
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
 _SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
 _SMALL_ALONE = 0.35  # the same of a log of the yaw rate alone; their tangent is a twentieth more
@@ -192,7 +193,7 @@ class WholeCar(Checked):
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, put_back(stretches(logged, self.wheelbase).all, zeros))
-        names, (spread, limits, how) = final.names, _limits(final, others)
+        names, (spread, limits, how) = final.names, _limits(final, others, self._turned(whole.all))
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
@@ -283,13 +284,15 @@ class WholeCar(Checked):
     def _turns_little(self, data: Dataset) -> bool:
         """Whether the motion asks for small steering angles only; by the motion, as delta may be of a hand wheel.
 
-        What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone:
-        then geometry has to tell it. At the limit of grip tires bend for sure, and turned wheels would stand in for
-        that before friction is free.
+        What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone,
+        and stands in for bent tires at the limit of grip before friction is free.
         """
         most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else _SMALL
-        asked = np.abs(data["r"] * self.wheelbase / data["v_x"])
-        return "delta_r" in data or friction_used(data) > SLIDES or float(np.quantile(asked, 0.99)) < most
+        return "delta_r" in data or friction_used(data) > SLIDES or self._turned(data) < most
+
+    def _turned(self, data: Dataset) -> float:
+        """Steering angle that the motion asks for, at most. [rad]"""
+        return float(np.quantile(np.abs(data["r"] * self.wheelbase / data["v_x"]), 0.99))
 
     def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
         """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
@@ -354,8 +357,8 @@ def identify_car(
     Raises MissingColumnError, ParameterError, SampleTimeError or TooShortError if a channel is missing, a number is
     impossible, time is in milliseconds, or the car hardly moves.
     """
-    how: Any = {"steering_gain": steering_gain, "per_experiment": per_experiment}
-    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, **how).identify(together(data))
+    known: Any = {"mass": mass, "wheelbase": wheelbase, "l_f": l_f, "steering_gain": steering_gain}
+    return WholeCar(**known, per_experiment=per_experiment).identify(together(data))
 
 
 def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Others, list[str]]:
@@ -365,20 +368,21 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Ot
     return others, [*late, *bent]
 
 
-def _limits(final: Fitted, others: Others) -> tuple[np.ndarray, np.ndarray, str]:
-    """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
+def _limits(final: Fitted, others: Others, turned: float) -> tuple[np.ndarray, np.ndarray, str]:
+    """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found.
+
+    Wheels that are ``turned`` farther [rad] scrub more, as each would have to turn by an angle of its own.
+    """
     spread, limits, how = hull(final.names, final, others)
-    little = final.model.ode.small_angles  # else wheels scrub, as each would have to turn by an angle of its own
-    stiff = _FLOOR if "v_y" in final.model.outputs and little else _FLOOR_ALONE
-    gain, at_rest = _FLOOR_GAIN if little else _FLOOR_TURNED, extrapolated(final)
+    scrub = 0.0 if final.model.ode.small_angles else float(np.clip((turned - _SMALL) / (_FAR - _SMALL), 0.0, 1.0))
+    stiff = _FLOOR + scrub * (_FLOOR_FAR - _FLOOR) if "v_y" in final.model.outputs else _FLOOR_ALONE
+    gain, at_rest = _FLOOR_GAIN + scrub * (_FLOOR_GAIN_FAR - _FLOOR_GAIN), extrapolated(final)
     floors = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": gain}
     for i, name in enumerate(final.names):
-        share = floors.get(name, 0.0) + at_rest.get(name, 0.0)
-        limits[i] += np.array([-1.0, 1.0]) * share * abs(final.values[name])
+        limits[i] += np.array([-1.0, 1.0]) * (floors.get(name, 0.0) + at_rest.get(name, 0.0)) * abs(final.values[name])
     _hold(final, limits)
     of_either_scale(final, limits)
-    lowest, highest = final.problem.ranges
-    return spread, np.clip(limits, lowest[:, None], highest[:, None]), how
+    return spread, np.clip(limits.T, *final.problem.ranges).T, how
 
 
 def _hold(final: Fitted, limits: np.ndarray) -> None:
@@ -389,9 +393,8 @@ def _hold(final: Fitted, limits: np.ndarray) -> None:
     """
     if "steering_lag" not in final.names:
         return
-    lag, held = final.names.index("steering_lag"), final.model.dt**2 / 3
+    lag, found, held = final.names.index("steering_lag"), final.values["steering_lag"], final.model.dt**2 / 3
     limits[lag, 1] = np.sqrt(limits[lag, 1] ** 2 + held)
-    found = final.values["steering_lag"]
     early = np.sqrt(found**2 + held) - found
     for i, name in enumerate(final.problem.base_names):
         limits[i, 0] -= early if name == "delay_delta" else 0.0
