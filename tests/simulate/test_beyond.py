@@ -11,6 +11,8 @@ from slipangle.models.region import Region
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
+
 CAR = Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("v_y", "r"))
 
 

@@ -10,6 +10,8 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.terms import Limits, Weights
 from tests.optimal.test_agreement import GAINS, KINDS, MODEL, compiler, ours_and_ipopt
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
+
 TIGHT = {"limits": Limits(u=4.0, v=2.0, b=1.2, y=1.2)}
 
 
