@@ -236,12 +236,13 @@ def test_days_on_roads_of_other_slopes():
     for k in (0, 1):
         low, high = car.interval(f"cross_slope[{k}]")
         assert low <= SLOPES[k] <= high
-        assert high - low < 0.02
+        assert high - low < 0.05  # the car crabs on a slope as a v_y sensor reads that is turned, which is open too
         low, high = car.interval(f"bias_a_y[{k}]")
         assert low <= BIASES[k] <= high
     for name in STIFF:
         low, high = car.interval(name)
         assert low <= TRUE[name] <= high
+        assert high - low < 0.2 * TRUE[name]
     third = sloped(2)
     today = car.for_recording(third, seconds=30.0)
     assert today.value("cross_slope") == pytest.approx(SLOPES[2], abs=0.008)

@@ -168,8 +168,8 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
     """Structures that explain the data about as well as the chosen one, and how far each counts, 0 to 1.
 
     With a correction more, such as tires of another shape; with tires that yield as a brush does; with a centre of
-    gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if the data want it where a car's
-    may be. Nothing counts all at once, so that no rounding decides an interval.
+    gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if there is one and the data want
+    it where a car's may be. Nothing counts all at once, so that no rounding decides an interval.
     """
     at, known = errors(final, data), {"before": final, "own": final.own}
 
@@ -189,7 +189,8 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
         at_share = moved.values["l_f"] / final.model.value("wheelbase")
         possible = min(at_share - WEIGHT[0], WEIGHT[1] - at_share) / _INSIDE
-        trials.append((moved, min(away - _NONE, possible)))
+        sits = abs(final.values["lever_v_y"]) / (ELSEWHERE * final.model.value("wheelbase"))  # as far as a wrong l_f is
+        trials.append((moved, min(away - _NONE, possible, 2.0 * sits - 1.0)))
     brushed = _brushed(final, data)
     counted = [(brushed, float(min(_BRUSHES - worse(brushed), 1.0)))]
     counted += [(other, float(min(share, _NONE - worse(other), 1.0))) for other, share in trials]
