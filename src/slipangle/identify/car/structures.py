@@ -37,6 +37,7 @@ _ALIKE = 0.05  # standard deviation of how far the relaxation lengths of both ax
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 AS_GOOD = 0.02  # rise of the squared error by which another structure may be worse and still be believed by half
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
+_LIKELY = 0.84  # standard errors by which what is constant has to help on held-out stretches: four to one
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
 _ROUNDS, _NEARLY = 4, (0.05, 0.2, np.inf)  # of weighing outputs and prior; moves of both, and of z, that end them
 _LAST_ROUNDS, _STILL = 30, (1e-3, 1e-3, 1e-3)  # the same of a last fit; z moves by standard deviations
@@ -369,7 +370,7 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
     no_harm = max(moved, together) < max(_HARM, (2.0 if by.ordinary else 1.0) * scatter)
     everywhere = bool((held_after <= held_before).all())
-    if by.constant and not (everywhere or moved < -scatter):
+    if by.constant and not (everywhere or moved < -_LIKELY * scatter):
         return False
     gain = worth(before, after, 0 if by.ordinary else len(after.names) - len(before.names))
     return bool((gain > 0 and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
