@@ -157,6 +157,7 @@ def test_gain_and_outputs_are_checked(trusted):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they steer less
 def test_free_run_steps_lower_the_free_run_error():
     train, test = nonlinear_response().split(0.7)
     start = replace(SMALL, linear_start=False)  # the curve is then that of the training error
@@ -275,6 +276,7 @@ def test_joint_settings_out_of_range(kwargs, word):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # they brake in other bends
 def test_tire_coefficients_from_a_network_stay_within_bounds_and_are_found():
     truth = plant(TireNetworkBicycle)
     wild = replace(truth, network=truth.network.with_parameters(1e3 * truth.network.parameters))

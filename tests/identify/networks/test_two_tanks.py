@@ -59,6 +59,7 @@ def test_a_network_is_no_worse_than_the_linear_model_on_anything_even_if_its_tra
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.filterwarnings("ignore:.*lie outside of the training data")  # its levels are
 @pytest.mark.parametrize(
     ("network", "linear"),
     [

@@ -32,6 +32,7 @@ FREE = (
     *("transfer_x", "friction_load", "stiffness_load", "E_f", "E_r", "brake_rear", "compliance"),
     *("transfer_f", "transfer_r"),
 )
+_WRONG = 0.7  # of its error, to which a start that nobody fitted has to come down by a fit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,7 @@ class Joint(KnownCar):
     ----------
     start : NonlinearBicycle, optional
         The physics; by default fitted to the same data from mass, wheelbase and l_f (see `KnownCar.bicycle`). One that
-        was not fitted is fitted to them first, where that lowers its error by ``worth``: what is ``free`` of the
+        was not fitted is fitted to them first, where that takes three tenths off its error: what is ``free`` of the
         parameters that are fitted by default.
     free : tuple of str
         Parameters that move with the network.
@@ -177,18 +178,19 @@ class Joint(KnownCar):
         return tuple(models)
 
     def _fitted(self, start: NonlinearBicycle, data: Dataset) -> NonlinearBicycle:
-        """Physics that nobody fitted, with those of its parameters that are free fitted, where that is worth it.
+        """Physics that nobody fitted, with those of its parameters that are free fitted, where they are plainly wrong.
 
         A network that is judged beside wrong parameters is either better for that, or they come back as the better.
+        Where less is gained, parameters that are right would only follow what the network is there for.
         """
         free = tuple(name for name in OF_A_CAR if name in self.free)
-        if not free:
+        if not free or self.corrects == "tires":  # whose coefficients the network is to find
             return start
         with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
             fitted = GreyBox(start=start, free=free).fit(data.select(inputs=start.inputs, outputs=start.outputs))
         size = np.std(data.columns(start.outputs), axis=0)
         now, then = (float(np.sqrt(np.mean((_errors(model, data) / size) ** 2))) for model in (start, fitted))
-        return fitted if then < (1 - self.worth) * now else start
+        return fitted if then < _WRONG * now else start
 
     def _problem(self, start: NonlinearBicycle, data: Dataset) -> JointProblem:
         """What is solved over data."""
