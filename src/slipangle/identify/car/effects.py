@@ -184,12 +184,13 @@ def others_as_good(final: Fitted, dropped: list[Correction], data: Dataset) -> l
         free = dict.fromkeys((*final.free, "steering_gain", *SPEED))  # speed and gain may be wrong by the same share
         scaled = fit(final.model, tuple(n for n in free if n not in final.own), data, **known)
         trials.append((scaled, told(scaled, SPEED) - 1.0))
-    if "lever_v_y" in final.free:
+    wheelbase = final.model.value("wheelbase")
+    sits = abs(final.values.get("lever_v_y", 0.0)) / (ELSEWHERE * wheelbase)  # as a wrong l_f would
+    if sits > 0.5:
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
-        away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
-        at_share = moved.values["l_f"] / final.model.value("wheelbase")
+        away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * wheelbase)
+        at_share = moved.values["l_f"] / wheelbase
         possible = min(at_share - WEIGHT[0], WEIGHT[1] - at_share) / _INSIDE
-        sits = abs(final.values["lever_v_y"]) / (ELSEWHERE * final.model.value("wheelbase"))  # as far as a wrong l_f is
         trials.append((moved, min(away - _NONE, possible, 2.0 * sits - 1.0)))
     brushed = _brushed(final, data)
     counted = [(brushed, float(min(_BRUSHES - worse(brushed), 1.0)))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,17 +9,11 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import SimulationError
 from slipangle.models.model import Model, Trajectory
+from slipangle.units import to_si
 
 _BAD, _GOOD, _BETTER = 0.7, 0.5, 0.5  # error as it is, at least; mended, at most; mended over as it is, at most [-]
 _AS_GOOD = 1.05  # of the error of the best, up to which another one explains as much
-_G = 9.80665  # m/s2
-_UNITS = {  # of a unit, the other one that is mistaken for it, and its size in SI units
-    "rad": ("deg", math.pi / 180),
-    "rad/s": ("deg/s", math.pi / 180),
-    "rad/s2": ("deg/s2", math.pi / 180),
-    "m/s": ("km/h", 1 / 3.6),
-    "m/s2": ("g", _G),
-}
+_MISTAKEN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "m/s": "km/h", "m/s2": "g"}  # for which unit
 
 
 def misread(model: Model, data: Dataset, run: Trajectory | None) -> str:
@@ -59,8 +52,9 @@ def _mistakes(model: Model, data: Dataset) -> Iterator[tuple[str, float, str]]:
     for name in (*model.inputs, *model.outputs):
         yield name, -1.0, f"the sign of {name} turned"
         unit = data.unit(name)
-        if unit in _UNITS:
-            other, size = _UNITS[unit]
+        if unit in _MISTAKEN:
+            other = _MISTAKEN[unit]
+            size = float(to_si(1.0, other))
             yield name, size, f"{name} read in {other}"
             yield name, 1 / size, f"{name} read in {unit} where it was declared in {other}"
 

@@ -61,10 +61,8 @@ FAR = 0.05  # largest change of an input in units of its range; below, remembere
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
 CONTENT = 10  # iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints
-NO_NEARER, NO_NEARER_PAID = (
-    8,
-    5,
-)  # such that bring constraints no nearer, after which they fall back; where no step keeps limits
+NO_NEARER = 8  # such in a row that bring constraints no nearer, after which they had better fall back
+NO_NEARER_PAID = 5  # the same where no step keeps the limits
 MORE = 30  # most of them, where full steps were not enough
 
 
