@@ -249,6 +249,21 @@ def test_a_centre_of_gravity_that_a_sensor_elsewhere_explains_is_said_with_what_
     assert C_r == pytest.approx(TRUE["C_r"], rel=0.06)
 
 
+def test_a_wheelbase_a_fifth_too_long_is_named_with_the_one_that_the_log_shows():
+    """The steering's gain, which hardly anybody knows to a fifth, took it, and nothing said what it does to inertia."""
+    found = identify_car(drives(), **KNOWN | {n: 1.2 * KNOWN[n] for n in ("wheelbase", "l_f")})
+    assert found.model.value("inertia_z") > 1.3 * TRUE["inertia_z"]
+    (said,) = (s for s in found.sentences if "a wheelbase of about" in s)
+    at = re.search(
+        r"a wheelbase of about (.+) m in place of (.+) m, .* turn (.+) times .* inertia_z about ([\d ]+)", said
+    )
+    wheelbase, given, gain, inertia = (float(x.replace(" ", "")) for x in at.groups())
+    assert wheelbase == pytest.approx(KNOWN["wheelbase"], rel=0.06)
+    assert given == pytest.approx(1.2 * KNOWN["wheelbase"], rel=0.01)
+    assert gain == pytest.approx(1.0, abs=0.06)
+    assert inertia == pytest.approx(TRUE["inertia_z"], rel=0.1)
+
+
 def test_channels_that_have_nothing_to_do_with_each_other_are_said_to():
     data, rng = drives(), np.random.default_rng(0)
     for name, size in (("v_y", 0.3), ("r", 0.1)):

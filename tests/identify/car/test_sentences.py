@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slipangle.identify.car.late import with_lateness
-from slipangle.identify.car.sentences import elsewhere, held, steering, turning
+from slipangle.identify.car.sentences import held, misplaced, steering, turning
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.identify.car.uncertainty import hull_of_sum
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
@@ -61,10 +61,10 @@ def test_a_place_of_v_y_that_no_centre_of_gravity_explains_may_be_another_unit(l
     final: Any = SimpleNamespace(
         free=("lever_v_y",),
         names=("lever_v_y",),
-        values={"lever_v_y": lever, "C_f": 4e4, "C_r": 7e4},
+        values={"lever_v_y": lever, "C_f": 4e4, "C_r": 7e4, "steering_gain": 1.0, "inertia_z": 6400.0},
         model=SimpleNamespace(ode=SimpleNamespace(params=p)),
     )
-    (said,) = elsewhere(final, [], np.array([[lever - 0.1, lever + 0.1]]))
+    (said,) = misplaced(final, [], np.array([[lever - 0.1, lever + 0.1]]))
     assert said.startswith(f"v_y reads as if measured {lever:+.2g} m")
     assert ("another unit, such as km/h" in said) == unit
     assert ("C_f about" in said) == (not unit)

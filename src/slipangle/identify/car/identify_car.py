@@ -179,8 +179,7 @@ class WholeCar(Checked):
         began = time.perf_counter()
         self._check(data)
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
-        inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
-        logged = data.select(inputs=inputs, outputs=self._outputs(data))
+        logged = data.select(inputs=("delta", "v_x", *(n for n in ADDED if n in data)), outputs=self._outputs(data))
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
@@ -196,13 +195,14 @@ class WholeCar(Checked):
         names, (spread, limits, how) = final.names, _limits(final, others, self._turned(whole.all))
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
+        odd += sentences.misplaced(final, others, limits)
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
         left += [zero.sentence for zero in zeros]
         wrong = (*left, *suspect, *filter(None, [weight]), *sensors(final, spread), *odd)
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
-            *sentences.elsewhere(final, others, limits),
+            *sentences.elsewhere(final, others),
             *sentences.speed(final, others),
             *scales(final, limits, turned),
             *sentences.between(final),

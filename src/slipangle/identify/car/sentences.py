@@ -280,16 +280,22 @@ def between(final: Fitted) -> list[str]:
     return said
 
 
-def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndarray) -> list[str]:
-    """A v_y sensor away from the centre of gravity, and a centre of gravity elsewhere that does the same."""
-    if "lever_v_y" not in final.free:
+def elsewhere(final: Fitted, others: Others) -> list[str]:
+    """A v_y sensor away from the centre of gravity beside a centre of gravity elsewhere that does the same."""
+    return [
+        f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does l_f "
+        f"= {other.values['l_f']:.3g} m in place of {final.model.ode.params.l_f:.3g} m: check both; the intervals hold "
+        f"for either, but not for a third explanation, {_of_another_length(final)}"
+        for other, share in others
+        if {"lever_v_y", "l_f"} <= {*other.free} and share > _HALF
+    ][:1]
+
+
+def misplaced(final: Fitted, others: Others, limits: np.ndarray) -> list[str]:
+    """A v_y sensor so far from the centre of gravity that no interval holds if it is elsewhere."""
+    if "lever_v_y" not in final.free or elsewhere(final, others):
         return []
     p, lever, at = final.model.ode.params, final.values["lever_v_y"], limits[final.names.index("lever_v_y")]
-    for other in (other for other, share in others if "l_f" in other.free and share > _HALF):
-        return [
-            f"a v_y sensor {lever:+.2g} m from the centre of gravity explains the log, and so does "
-            f"l_f = {other.values['l_f']:.3g} m in place of {p.l_f:.3g} m: check both; the intervals hold for either"
-        ]
     l_f = p.l_f - lever  # where the centre of gravity is if the sensor sits there
     if abs(lever) < ELSEWHERE * p.wheelbase or at[0] * at[1] <= 0 or not 0 < l_f < p.wheelbase:
         return []
@@ -303,8 +309,24 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     return [
         f"v_y reads as if measured {lever:+.2g} m from the centre of gravity: if its sensor sits there, l_f is "
         f"{l_f:.3g} m in place of {p.l_f:.3g} m, C_f about {short(C_f)} and C_r {short(C_r)} N/rad, and the intervals "
-        "do not hold: check both places"
+        f"do not hold; as well it may be {_of_another_length(final)}: check both places and the wheelbase"
     ]
+
+
+def _of_another_length(final: Fitted) -> str:
+    """The car of another wheelbase, its axles in proportion, whose v_y at the centre of gravity is the one logged.
+
+    Its rear axle lies where the log has it, so that slip angles, forces and stiffness stay nearly as they are; its
+    yaw inertia goes with the square of its lever arms, its steering with the wheelbase.
+    """
+    p, values = final.model.ode.params, final.values
+    share = (p.l_r + values["lever_v_y"]) / p.l_r
+    gain = values["steering_gain"] if "steering_gain" in values else final.model.value("steering_gain")
+    inertia = short(share**2 * values["inertia_z"])
+    return (
+        f"a wheelbase of about {share * p.wheelbase:.3g} m in place of {p.wheelbase:.3g} m, l_f in proportion, with "
+        f"wheels that turn {share * gain:.2g} times what delta says and inertia_z about {inertia}"
+    )
 
 
 def speed(final: Fitted, others: Others) -> list[str]:
