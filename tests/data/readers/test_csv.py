@@ -676,13 +676,16 @@ def test_a_filter_cuts_rows_and_leaves_gaps(log):
         ([f"2026-05-01 14:00:00.{10 * k:03d}+02:00" for k in range(30)], {}),
         ([f"23:59:59.{10 * k:03d}" for k in range(30)], {}),
         ([f"1.05.2026 9:00:59.{10 * k:03d}" for k in range(30)], {}),
+        ([f"2026/05/01 14:00:00.{10 * k:03d}" for k in range(30)], {}),
+        ([f"{59 + k // 60}:{k % 60:02d}.500" for k in range(45, 75)], {"dt": 1.0}),
     ],
 )
 def test_time_comes_in_many_forms(log, stamps, settings):
     text = "t,r\n" + "\n".join(f"{s},{0.1 * k}" for k, s in enumerate(stamps))
     data = read_csv(log(text), ["r"], **settings)
-    assert data.dt == pytest.approx(0.01, rel=1e-6)
+    assert data.dt == pytest.approx(settings.get("dt", 0.01), rel=1e-6)
     assert data.n_samples == 30
+    assert len(data.starts) == 1
 
 
 @pytest.mark.parametrize("stamp", ["03/04/2026 14:00:00.{:03d}", "2:00:00.{:03d} PM"])

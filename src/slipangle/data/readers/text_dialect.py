@@ -11,10 +11,11 @@ from slipangle.data.readers.tables import DATE, Header
 from slipangle.errors import FormatError, raises
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
-_INSTANT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?( ?(Z|UTC|[+-]\d\d:?\d\d))?")
+_INSTANT = re.compile(r"\d{4}([-/])\d\d\1\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?( ?(Z|UTC|[+-]\d\d:?\d\d))?")
 _DOTTED = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[T ]+(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")  # day.month.year
-_AMBIGUOUS = re.compile(r"\d{1,4}/\d{1,2}/\d{1,4}\b.*|.*\d\s*[AaPp][Mm]")
+_AMBIGUOUS = re.compile(r"\d{1,2}/\d{1,2}/\d{1,4}\b.*|.*\d\s*[AaPp][Mm]")
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d([.,]\d+)?)")
+_LAP = re.compile(r"(\d{1,4}):([0-5]\d[.,]\d+)")  # minutes and seconds, which alone have decimals
 _RATED = re.compile(r'"?([^|"]+)"?\|"?([^|"]*)"?\|[^|]*\|[^|]*\|(\d{1,6}(?:\.\d+)?)')  # RaceCapture
 _ROWS = 3  # of numbers make a table begin
 
@@ -62,10 +63,12 @@ def is_value(cell: str, decimal_comma: bool = False) -> bool:
 
 
 def is_instant(cell: str) -> bool:
-    """Whether a cell is a date with a time, as ISO 8601 or day.month.year, or a time of day with seconds."""
+    """Whether a cell is a date with a time, as ISO 8601 or day.month.year, a time of day with seconds or a lap's."""
     text = cell.strip()
     dated = _INSTANT.fullmatch(text) or _DOTTED.fullmatch(text)
-    return bool(_CLOCK.fullmatch(text)) or (bool(dated) and not raises(ValueError, to_instant, text))
+    return bool(_CLOCK.fullmatch(text) or _LAP.fullmatch(text)) or (
+        bool(dated) and not raises(ValueError, to_instant, text)
+    )
 
 
 def is_ambiguous(cell: str) -> bool:
@@ -74,22 +77,27 @@ def is_ambiguous(cell: str) -> bool:
 
 
 def to_instant(cell: str) -> float:
-    """Seconds since 1970, or since midnight, of a date or a time of day; without a zone it counts as UTC. [s]
+    """Seconds since 1970, or since midnight or a lap's start, of a date or a time; without a zone it counts as UTC. [s]
 
     Raises ValueError if it is neither.
 
     >>> to_instant("1970-01-02T00:00:01.500Z"), to_instant("02.01.1970 00:00:01,5"), to_instant("10:00:00.25")
     (86401.5, 86401.5, 36000.25)
+    >>> to_instant("1970/01/02 00:00:01"), to_instant("1:02.345")
+    (86401.0, 62.345)
     """
     text = cell.strip().replace(",", ".")
     clock = _CLOCK.fullmatch(text)
     if clock:
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3])
+    lap = _LAP.fullmatch(text)
+    if lap:
+        return 60.0 * int(lap[1]) + float(lap[2])
     dotted = _DOTTED.fullmatch(text)
     if dotted:
         day, month, year, hour = dotted.group(1, 2, 3, 4)
         text = f"{year}-{month:0>2}-{day:0>2} {hour if hour[1].isdigit() else '0' + hour}"
-    instant = datetime.fromisoformat(text.removesuffix("UTC").strip())
+    instant = datetime.fromisoformat(text.replace("/", "-").removesuffix("UTC").strip())
     return (instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)).timestamp()
 
 
