@@ -1,5 +1,6 @@
 """Every format of a log gives the numbers that were written into it, whatever the file is called."""
 
+import gc
 import lzma
 import struct
 import sys
@@ -536,6 +537,26 @@ def test_an_ld_file_whose_channels_go_round_is_refused(tmp_path):
     path.write_bytes(raw)
     with pytest.raises(FormatError, match="has no end"):
         open_log(path)
+
+
+def test_an_mdf_file_is_open_as_long_as_a_table_of_it_is_there(tmp_path, monkeypatch):
+    """It stayed open for as long as Python ran."""
+    asammdf = pytest.importorskip("asammdf")
+    t = 0.01 * np.arange(300)
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.sin(t), t, name="r", unit="rad/s")])
+        file.save(tmp_path / "log.mf4")
+    closed, close = [], asammdf.MDF.close
+    monkeypatch.setattr(asammdf.MDF, "close", lambda file: (closed.append(file.name), close(file)))
+    log = open_log(tmp_path / "log.mf4")
+    (table,) = log.tables.values()
+    del log
+    gc.collect()
+    np.testing.assert_allclose(table.numbers(1), np.sin(t))
+    assert not closed
+    del table
+    gc.collect()
+    assert set(closed) == {tmp_path / "log.mf4"}
 
 
 def test_samples_that_an_mdf_file_marks_invalid_are_missing(tmp_path):

@@ -8,6 +8,7 @@ import json
 import logging
 import sys
 import warnings
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,20 +41,24 @@ def read_mdf(path: Path) -> Recording:
     """
     asammdf = extra("asammdf", "io", "reading an MDF file")
     require_chains(read_bytes(path, "the log", "an MDF file: check its permissions"), path)
-    opened = _trusted(path, lambda: asammdf.MDF(path))
+    file = _File(_trusted(path, lambda: asammdf.MDF(path)))
 
     def tables_of() -> tuple[dict[str, ChannelTable], dict[str, Any]]:
         tables: dict[str, ChannelTable] = {}
-        for i in range(len(opened.groups)):
-            _add_group(opened, i, path, tables)
-        return tables, _meta(opened)
+        for i in range(len(file.opened.groups)):
+            _add_group(file, i, path, tables)
+        return tables, _meta(file.opened)
 
-    try:
-        tables, meta = _trusted(path, tables_of)
-        return Recording(name=path.stem, tables=tables, meta=meta)
-    except SlipangleError:
-        opened.close()
-        raise
+    tables, meta = _trusted(path, tables_of)
+    return Recording(name=path.stem, tables=tables, meta=meta)
+
+
+class _File:
+    """A file of asammdf's, closed when the last table that reads from it is forgotten."""
+
+    def __init__(self, opened: Any) -> None:
+        self.opened = opened
+        weakref.finalize(self, opened.close)
 
 
 def _trusted(path: Path, call: Callable[[], T]) -> T:
@@ -79,7 +84,8 @@ def _trusted(path: Path, call: Callable[[], T]) -> T:
     )
 
 
-def _add_group(opened: Any, i: int, path: Path, tables: dict[str, ChannelTable]) -> None:
+def _add_group(file: _File, i: int, path: Path, tables: dict[str, ChannelTable]) -> None:
+    opened = file.opened
     group = opened.groups[i]
     master = opened.masters_db.get(i)
     numeric = _NUMBERS[3 if opened.version < "4" else 4]
@@ -94,12 +100,12 @@ def _add_group(opened: Any, i: int, path: Path, tables: dict[str, ChannelTable])
 
     def loaded(column: int) -> np.ndarray:
         if time and column == 0:
-            return np.asarray(opened.get_master(i), dtype=float)
+            return np.asarray(file.opened.get_master(i), dtype=float)
         k = found[column - len(time)]
-        found_there = opened.get(group=i, index=k, ignore_invalidation_bits=True)
+        found_there = file.opened.get(group=i, index=k, ignore_invalidation_bits=True)
         values, invalid = np.asarray(found_there.samples), found_there.invalidation_bits
         if values.dtype.kind not in "biuf" or values.ndim != 1:  # a conversion to text
-            values = np.asarray(opened.get(group=i, index=k, raw=True).samples)
+            values = np.asarray(file.opened.get(group=i, index=k, raw=True).samples)
         if values.dtype.kind not in "biuf" or values.ndim != 1:
             raise FormatError(f"channel '{headers[column - len(time)].name}' of '{path}' holds no plain numbers")
         values = values.astype(float)
