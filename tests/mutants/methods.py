@@ -371,6 +371,12 @@ MUTANTS = [
         [
             ("a late yaw rate is swapped", " and large > abs(small)", ""),
             ("swapped channels by their size alone", "abs(slope) / 0.5) < 1", "1.0) < 1"),
+        ],
+    ),
+    *mistakes(
+        "data/quality/slow_motion.py",
+        "data/quality/test_plausible.py",
+        [
             ("understeer of a yaw rate with its offset", "true = r - value", "true = r"),
             ("understeer in proportion up to the limit", "v * (v * true) ** 3", "v * (v * true)"),
         ],

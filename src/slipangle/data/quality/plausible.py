@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.quality.events import runs
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
-from slipangle.data.quality.spins import spinning
-from slipangle.data.quality.stuck import low_pass, stuck
+from slipangle.data.quality.slow_motion import SPEEDS, offset_of_r, over_the_rear, smoothed, without
+from slipangle.data.quality.stuck import stuck
 from slipangle.data.recordings import by_recording, repeated
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
@@ -26,11 +23,9 @@ _IN_DEGREES = "r is logged in deg/s: declare its unit as deg/s"
 _IN_RADIANS = "delta is logged in rad, and was declared as deg: declare its unit as rad"  # where r turns as a car may
 _CERTAIN = 2.0  # standard errors of a share, within which it has to stay where none is usual
 _SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
-_SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _LATE = 0.15  # s
 _SIDEWAYS = 15.0  # m/s2 of v_x r, from which r is not in rad/s
-_SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
 _FOLLOWS = 0.75  # that correlation of v_y, from which they are swapped where r's is below _AGREE
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
@@ -44,7 +39,6 @@ _BEYOND = 80.0  # m/s2 of v_x r, more than any car with wings has
 _CHANGES = "v_x or r is in another unit, if only over a part of the log; look at both over time"
 _ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
 _SESSION = 28.0  # s of a recording, from which it is looked at by itself
-_ANEW = 5  # times that an offset is told, each without the one before
 TURNED = "its sensor is turned by"  # as a fit corrects
 REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
@@ -108,7 +102,7 @@ def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
         f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
         for name, rows in held.items()
     ]
-    fast, smooth, drives = _smoothed(_without(data, held, wheelbase), [n for n in data.names if n in _CHANNELS])
+    fast, smooth, drives = smoothed(without(data, held, wheelbase), [n for n in data.names if n in _CHANNELS])
     if not fast:
         return tuple(said)
     if _swapped(smooth, wheelbase, drives):
@@ -135,7 +129,7 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
     0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
     """
     names = [n for n in ("delta", "v_x", "r", "delta_r") if n in data.names]
-    parts, smooth, drives = _smoothed(_without(data, stuck(data), wheelbase), names)
+    parts, smooth, drives = smoothed(without(data, stuck(data), wheelbase), names)
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
     gain, agree, _, _ = _asked(smooth, wheelbase, drives)
@@ -146,29 +140,12 @@ def a_y_of_turning(data: Dataset) -> float:
     """a_y over v_x r at low frequencies, to which body roll adds; 0 where a_y is not logged or does not follow. [-]"""
     if "a_y" not in data:
         return 0.0
-    parts, smooth, _ = _smoothed(data.experiments, ["v_x", "r", "a_y"])
+    parts, smooth, _ = smoothed(data.experiments, ["v_x", "r", "a_y"])
     slope, agree = slope_of(smooth["v_x"] * smooth["r"], smooth["a_y"]) if parts else (0.0, 0.0)
     return slope if agree > _FOLLOWS else 0.0
 
 
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
-
-
-def _without(data: Dataset, held: dict[str, list[tuple[int, int]]], wheelbase: float) -> list[Dataset]:
-    """The experiments cut where a sensor is stuck, and where the car spins."""
-    bad = spinning(data, wheelbase)
-    for a, b in (rows for each in held.values() for rows in each):
-        bad[a:b] = True
-    return [data.rows(a, b) for a, b in runs(data, ~bad)]
-
-
-def _smoothed(
-    parts: Sequence[Dataset], names: Sequence[str]
-) -> tuple[list[Dataset], dict[str, np.ndarray], np.ndarray]:
-    """The drives that last long enough, their channels without what is fast, and the drive of each sample."""
-    fast = [part for part in parts if part.n_samples * part.dt > _SHORT_DRIVE]
-    smooth = {n: np.concatenate([low_pass(p[n], p.dt) for p in fast]) for n in names} if fast else {}
-    return fast, smooth, np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
 
 
 def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: float) -> tuple[list[str], bool]:
@@ -275,7 +252,7 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     from the share where speeds differ, and how late the car is, to first order, always: what is late looks smaller.
     The error is a standard one, of a jackknife over blocks.
     """
-    v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
+    v, r, delta = smooth["v_x"], smooth["r"], over_the_rear(smooth)
     fast = v > 0.3 * np.quantile(v, 0.9)
     turn = r * wheelbase / np.where(fast, v, np.inf)
     later = rate_of(turn, drives)[fast]
@@ -284,7 +261,7 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     inside = about_means(delta, drives)
     if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
         drives = np.zeros_like(drives)
-    columns, speeds = [delta, -later], float(np.ptp(v)) > _SPEEDS * float(v.mean())
+    columns, speeds = [delta, -later], float(np.ptp(v)) > SPEEDS * float(v.mean())
     if speeds:  # understeer, which at one speed cannot be told from the steering's gain
         columns.append(-v * r * wheelbase)
     table = np.column_stack([about_means(column, drives) for column in (*columns, asked)])
@@ -292,36 +269,12 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     return gain, agree, speeds, error
 
 
-def _over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
-    return smooth["delta"] - smooth.get("delta_r", 0.0)
-
-
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
-    """A sentence on an offset of r beyond what a fit corrects, see `_offset`."""
-    value, error = _offset(smooth, drives)
+    """A sentence on an offset of r beyond what a fit corrects, see `offset_of_r`."""
+    value, error = offset_of_r(smooth, drives)
     if abs(value) < max(_ZERO, 5 * error):
         return []
     return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
-
-
-def _offset(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[float, float]:
-    """What delta, v_x and understeer do not explain of r, and its standard error; infinite at one speed. [rad/s]
-
-    An offset of the steering counts for more the faster the car is, one of the sensor does not. Understeer grows with
-    the square of the lateral acceleration, as that of tires near their limit does: a track that turns one way would
-    else leave it for an offset. How late the car is counts as in `_asked`.
-    """
-    v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
-    value, error = 0.0, np.inf
-    if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
-        return value, error
-    for _ in range(_ANEW):  # understeer is that of the motion, without the offset
-        true = r - value
-        table = np.column_stack(
-            [v * delta, v * v * true, v, np.ones(len(v)), rate_of(r, drives), v * (v * true) ** 3, r]
-        )
-        value, error = coefficient(by_blocks(table, drives), 3)
-    return value, error
 
 
 def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
@@ -330,7 +283,7 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     In other cornering its own rate, and that of r, add to the force on the rear axle.
     """
     v = smooth["v_x"]
-    if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
+    if "v_y" not in smooth or np.ptp(v) < SPEEDS * v.mean():
         return []
     turned = _turned(smooth, drives)
     if turned:
@@ -362,9 +315,9 @@ def _turned(smooth: dict[str, np.ndarray], drives: np.ndarray) -> float:
     """Angle by which the v_y sensor is turned to the left of straight ahead, with its sign; 0 where none shows. [rad]
 
     It reads a share of the speed, beside an offset of its own and what `_slips` has, of r without its offset, which
-    would make slip; that grows as understeer in `_offset`.
+    would make slip; that grows as understeer in `offset_of_r`.
     """
-    (zero, sure), v, v_y = _offset(smooth, drives), smooth["v_x"], smooth["v_y"]
+    (zero, sure), v, v_y = offset_of_r(smooth, drives), smooth["v_x"], smooth["v_y"]
     r = smooth["r"] - (zero if abs(zero) > _CERTAIN * sure else 0.0)
     steady = r, -r * v * v, v * rate_of(r, drives), -v * rate_of(v_y, drives), v * (v * r) ** 3
     value, error = coefficient(by_blocks(np.column_stack([v, *steady, np.ones(len(v)), v_y]), drives))

@@ -24,6 +24,7 @@ REAR = ("gain_delta_r",)
 RATE = ("steering_rate",)
 LOADS = ("height", "load_lag", "drive_rear", "brake_rear")
 _STOOD_IN = {"lever_v_y": 0.0, "gain_v_y": 1.0}  # for a locked axle
+_FAR = ("steering_gain", "bias_r")  # what a log may show to be far from where it was said to be
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 SLIDES = 0.6  # of gravity, lateral acceleration from which any tire's curve bends visibly
@@ -60,7 +61,8 @@ def corrections(
     """Corrections in the order in which they are tried; each stays if it helps on held-out stretches.
 
     ``own`` are parameters that have a value for each recording anyway; None lets offsets be tried so. ``elsewhere`` is
-    where the gain, then tried first, starts too, as where its sign or unit is another than was said.
+    where the gain and the yaw rate's bias, then tried first, start too, as where a sign or unit is another than was
+    said or a sensor was not zeroed, with the tires' stiffness there.
     """
     biases = tuple(f"bias_{name}" for name in data.outputs)
     used = friction_used(data)
@@ -110,8 +112,10 @@ def corrections(
             for what, names in differ
         ]
     if elsewhere:
-        gain = next(c for c in listed if c.free == ("steering_gain",))
-        listed = [replace(gain, starts=({}, elsewhere)), *(c for c in listed if c is not gain)]
+        first = [c for c in listed if not c.own and {*_FAR} & {*c.free} & {*elsewhere}]
+        there = [{n: v for n, v in elsewhere.items() if n in c.free or n not in _FAR} for c in first]
+        begun = [replace(c, starts=({}, start)) for c, start in zip(first, there, strict=True)]
+        listed = [*begun[::-1], *(c for c in listed if c not in first)]  # a bias first: steering follows by it
     left = (replace(c, free=tuple(n for n in c.free if n not in (own or ()))) for c in listed)
     return tuple(c for c in left if c.free)
 

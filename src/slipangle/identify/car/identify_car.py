@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.data.quality.plausible import LONGEST_STEP, TURNED, doubts, kinematic_gain
+from slipangle.data.quality.slow_motion import zero_of_r
 from slipangle.data.quality.smooth import smoothed
 from slipangle.errors import (
     IdentifiabilityWarning,
@@ -183,8 +184,7 @@ class WholeCar(Checked):
         whole = stretches(smoothed(logged, "v_x"), self.wheelbase)  # an input's noise stands in for parameters
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
-            said_below = ".*" if weight else ".* hold the same samples"
-            warnings.filterwarnings("ignore", said_below, ModelWarning)
+            warnings.filterwarnings("ignore", ".*" if weight else ".* hold the same samples", ModelWarning)
             linear, elsewhere = self._begin(turned, logged, whole)
             suspect = self._suspect(turned, linear, whole)
             search = partial(self._search, linear, elsewhere)
@@ -236,10 +236,10 @@ class WholeCar(Checked):
     def _begin(
         self, turned: Dataset, logged: Dataset, whole: Stretches
     ) -> tuple[Callable[[Dataset], Fitted], dict[str, float]]:
-        """The fit of the linear bicycle to stretches, and where the gain starts too."""
+        """The fit of the linear bicycle to stretches, and where gain and bias start too."""
         how: Any = {"dt": logged.dt, "outputs": logged.outputs, "small_angles": self._turns_little(whole.all)}
         start = first_guess(**self._known, **how, gain=self.steering_gain, added=logged.inputs)
-        elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
+        elsewhere = self._elsewhere(start, turned)
         return partial(linear_bicycle, start, self._own or (), elsewhere), elsewhere
 
     def _search(
@@ -294,13 +294,13 @@ class WholeCar(Checked):
         """Steering angle that the motion asks for, at most. [rad]"""
         return float(np.quantile(np.abs(data["r"] * self.wheelbase / data["v_x"]), 0.99))
 
-    def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
-        """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
-        if not over or _NEAR[0] < over < _NEAR[1]:
-            return {}
-        limits = start.si("steering_gain")
-        gain = float(np.clip(over * self.steering_gain, limits.lower, limits.upper))
-        return {"steering_gain": gain} | {name: start.value(name) for name in STIFF}
+    def _elsewhere(self, start: Any, turned: Dataset) -> dict[str, float]:
+        """Gain and offset of r that the log shows, where they are far from those given, with ordinary tires."""
+        over, zero = (told(turned, wheelbase=self.wheelbase) for told in (kinematic_gain, zero_of_r))
+        limits, found = start.si("steering_gain"), {"bias_r": zero} if zero else dict[str, float]()
+        if over and not _NEAR[0] < over < _NEAR[1]:
+            found["steering_gain"] = float(np.clip(over * self.steering_gain, limits.lower, limits.upper))
+        return found | {name: start.value(name) for name in STIFF} if found else {}
 
     def _of_the_mass(self, moment: str) -> str:
         """What only scales can tell, or how a yaw moment acts, ``moment``, if that was logged."""
