@@ -132,7 +132,7 @@ def test_delay_and_lag_are_said_apart_within_what_the_hold_between_samples_takes
     assert car.interval("steering_lag")[1] > np.hypot(car.model.value("steering_lag"), DT / np.sqrt(3))
 
 
-@pytest.mark.parametrize("over", [-1.0, -12.0])
+@pytest.mark.parametrize("over", [pytest.param(-1.0, marks=pytest.mark.slow), -12.0])
 def test_a_steering_logged_in_other_units_or_turned_gives_the_same_car(car, over):
     """The first guess of its gain is 1."""
     data = drives()
