@@ -27,6 +27,9 @@ test: style
 test-all: style
 	$(MAKE) -j 2 types tests-all
 
+# Tests start a hundred processes that import all of this: byte code is kept, whatever the environment says.
+tests tests-all: export PYTHONDONTWRITEBYTECODE :=
+
 tests: .venv/installed-dev
 	$(BIN)/python -m pytest -n auto -q
 
