@@ -15,15 +15,25 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export SLIPANGLE_DATA ?= $(wildcard $(abspath ../shared/data))
 
-.PHONY: demo test test-all test-machines test-lowest test-export docs mutants lint clean
+.PHONY: demo test tests test-all tests-all test-machines test-lowest test-export docs mutants lint style types clean
 
 demo: .venv/installed
 	$(BIN)/slipangle demo
 
-test: lint
+# Types take a minute of one core: beside the tests, which take all of them.
+test: style
+	$(MAKE) -j 2 types tests
+
+test-all: style
+	$(MAKE) -j 2 types tests-all
+
+# Tests start a hundred processes that import all of this: byte code is kept, whatever the environment says.
+tests tests-all: export PYTHONDONTWRITEBYTECODE :=
+
+tests: .venv/installed-dev
 	$(BIN)/python -m pytest -n auto -q
 
-test-all: lint
+tests-all: .venv/installed-dev
 	$(BIN)/python -m pytest -n auto -q -m "slow or not slow"
 
 test-machines: .venv/installed-dev
@@ -41,10 +51,14 @@ docs: .venv/installed-docs
 mutants: .venv/installed-dev
 	$(BIN)/python -m tests.mutants
 
-lint: .venv/installed-dev .venv/installed-types
+lint: style types
+
+style: .venv/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+
+types: .venv/installed-types
 	$(BIN)/pyright
 
 .venv/bin/python:

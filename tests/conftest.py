@@ -12,9 +12,26 @@ os.environ.setdefault("SLIPANGLE_LIVE", "none")  # pages without what a compiler
 
 import pytest  # noqa: E402
 
+from slipangle.codegen import compiler  # noqa: E402
 from slipangle.data.public import registry  # noqa: E402
 from slipangle.optimal.ipopt import Ipopt  # noqa: E402
 from slipangle.optimal.realtime import RealTime, backend  # noqa: E402
+
+# Half of an everyday run was the C compiler's, and most of that its optimiser's. Tests in these folders ask what a plan
+# or an estimate is, not how optimised code computes it: their libraries are compiled without, in a quarter of the time.
+# That optimised code says the same is asked by all others (of the solver itself in optimal/realtime, of models, runs,
+# jobs, exported code), and under `make test-all` by these as well.
+_PLAIN = ("optimal", "control", "estimate", "optimal/realtime/test_repeated_steps.py")
+_OPTIMISED = ("optimal/realtime", "optimal/lap", "optimal/test_published.py")
+_LEVELS = compiler.NATIVE, compiler.PORTABLE
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Choose the optimisation of what the test and its fixtures compile, unless SLIPANGLE_CFLAGS says it."""
+    named = [n for n in (*_PLAIN, *_OPTIMISED) if item.path.is_relative_to(Path(__file__).parent / n)]
+    without = max(named, key=len, default="") in _PLAIN and item.config.getoption("markexpr") == "not slow"
+    compiler.NATIVE, compiler.PORTABLE = (("-O0", *level[1:]) for level in _LEVELS) if without else _LEVELS
 
 
 class PublicData:

@@ -16,22 +16,27 @@ Scalar = Any  # a number, an array of numbers, a CasADi symbol or a JAX tracer
 Vector = Any  # indexable along its first axis
 
 _CASADI = (ca.SX, ca.MX, ca.DM)
+_NUMBERS = frozenset({float, int, np.float64})  # told by their type alone, as most values of a run are
+_PLAIN = _NUMBERS | {np.ndarray, bool, np.bool_}
 
 
 def is_symbolic(*values: object) -> bool:
     """Whether any value is a CasADi expression (DM, a CasADi number, counts too)."""
-    return any(isinstance(v, _CASADI) for v in values)
+    for v in values:  # no any(): a run in Python asks this at every operation
+        if type(v) not in _PLAIN and isinstance(v, _CASADI):
+            return True
+    return False
 
 
 def is_traced(*values: object) -> bool:
     """Whether any value is a JAX tracer, which has no number yet."""
     jax = sys.modules.get("jax")
-    return jax is not None and any(isinstance(v, jax.core.Tracer) for v in values)
+    return jax is not None and any(type(v) not in _PLAIN and isinstance(v, jax.core.Tracer) for v in values)
 
 
 def _is_jax(*values: object) -> bool:
     jax = sys.modules.get("jax")
-    return jax is not None and any(isinstance(v, jax.Array) for v in values)
+    return jax is not None and any(type(v) not in _PLAIN and isinstance(v, jax.Array) for v in values)
 
 
 def _numeric(*values: object) -> Any:
@@ -40,9 +45,11 @@ def _numeric(*values: object) -> Any:
 
 
 def _unary(name: str, casadi_name: str | None = None) -> Any:
-    symbolic = getattr(ca, casadi_name or name)
+    symbolic, plain = getattr(ca, casadi_name or name), getattr(np, name)
 
     def apply(x: Scalar) -> Scalar:
+        if type(x) in _PLAIN:
+            return plain(x)
         if isinstance(x, _CASADI):
             return symbolic(x)
         return getattr(_numeric(x), name)(x)
@@ -68,9 +75,11 @@ sign = _unary("sign")
 
 
 def _binary(name: str, casadi_name: str) -> Any:
-    symbolic = getattr(ca, casadi_name)
+    symbolic, plain = getattr(ca, casadi_name), getattr(np, name)
 
     def apply(a: Scalar, b: Scalar) -> Scalar:
+        if type(a) in _PLAIN and type(b) in _PLAIN:
+            return plain(a, b)
         if is_symbolic(a, b):
             return symbolic(a, b)
         return getattr(_numeric(a, b), name)(a, b)
@@ -116,6 +125,8 @@ def speed_floor(v: Scalar, v_low: float) -> Scalar:
 
 def stack(values: Sequence[Scalar]) -> Vector:
     """Vector of the given scalars: a CasADi column, or an array with a new first axis."""
+    if _NUMBERS.issuperset(map(type, values)):
+        return np.array(values, dtype=float)
     if is_symbolic(*values):
         return ca.vertcat(*values)
     module = _numeric(*values)

@@ -28,7 +28,7 @@ pytestmark = [
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
 
 
 class Slave:

@@ -12,7 +12,7 @@ from tests.models.all_models import ALL_MODELS
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
     needs()
 
 

@@ -36,7 +36,7 @@ DRIVERS = {"for two speeds": (test_joined.driver, 2), "that looks back": (test_w
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
 
 
 @needs_compiler

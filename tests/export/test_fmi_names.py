@@ -19,7 +19,7 @@ STEERED = sa.OnGround(sa.Steered(sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, out
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
 
 
 def ode(states=("x",), inputs=("u",), **params):

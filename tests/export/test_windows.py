@@ -33,6 +33,12 @@ def looking_back(settings, **more):
     return MHE(**({f.name: getattr(settings, f.name) for f in fields(settings)} | more))
 
 
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """The solver in Python is compiled as the exported one is."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+
+
 VARIANTS = {name: looking_back(settings, **MORE[name]) for name, settings in test_estimators.VARIANTS.items()}
 EACH = pytest.mark.parametrize("variant", [*VARIANTS, "driver"])
 USE = """

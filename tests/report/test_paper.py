@@ -2,6 +2,7 @@
 
 import re
 import sys
+from functools import cache
 
 import numpy as np
 import plotly.graph_objects as go
@@ -19,6 +20,7 @@ CAR = sa.Bicycle(params=PARAMS, dt=0.02)
 GRIP = sa.SaturatingBicycle(params=sa.SaturatingBicycleParams(**vars(PARAMS), mu_f=1.0, mu_r=1.0), dt=0.02)
 
 
+@cache
 def figures():
     """Every kind of the toolbox: those of a page, of linear analysis and of the limit."""
     page = {f"page {k}": f for k, f in enumerate(_inside(example_page()))}
@@ -38,15 +40,21 @@ def _inside(page):
     return [b.figure for section in page.sections for b in section.blocks if isinstance(b, Figure)]
 
 
-FIGURES = figures()
+NAMES = [f"page {k}" for k in range(7)]
+NAMES += ["bode", "nyquist", "step", "poles", "handling", "diagram", "phase plane"]
+EACH = pytest.mark.parametrize("name", NAMES)
+
+
+def test_every_figure_is_looked_at():
+    assert list(figures()) == NAMES
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["one column", "two columns"])
 def drawn(request):
-    return {name: sa.matplotlib_figure(f, columns=request.param) for name, f in FIGURES.items()}
+    return {name: sa.matplotlib_figure(f, columns=request.param) for name, f in figures().items()}
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@EACH
 def test_everything_that_is_written_is_inside(drawn, name):
     figure = drawn[name]
     figure.draw_without_rendering()
@@ -59,7 +67,7 @@ def test_everything_that_is_written_is_inside(drawn, name):
     assert (box.x1 - box.x0) * (box.y1 - box.y0) > 0.5 * wide * tall  # and fills it
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@EACH
 def test_titles_of_panels_stand_apart(drawn, name):
     figure = drawn[name]
     figure.draw_without_rendering()
@@ -72,10 +80,10 @@ def test_titles_of_panels_stand_apart(drawn, name):
     assert not any(p.y0 + 1 < n.y0 and n.y1 < p.y1 - 1 and p.x0 < n.x0 and n.x1 < p.x1 for n in numbers for p in panels)
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@EACH
 def test_lines_are_those_of_the_figure(drawn, name):
     wanted = [
-        t for t in FIGURES[name].data if t.type == "scatter" and t.mode == "lines" and not t.fill and t.line.width
+        t for t in figures()[name].data if t.type == "scatter" and t.mode == "lines" and not t.fill and t.line.width
     ]
     got = [line.get_xydata() for axes in drawn[name].axes for line in axes.lines]
     for trace in wanted:
@@ -102,23 +110,23 @@ def test_without_matplotlib_one_sentence_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ConfigError, match=r"a figure by matplotlib needs matplotlib.*pip install 'slipangle\[plot\]'"):
-        sa.save_figure(FIGURES["step"], tmp_path / "f.pdf", drawn_by="matplotlib")
+        sa.save_figure(figures()["step"], tmp_path / "f.pdf", drawn_by="matplotlib")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_files_have_text_as_text_and_the_size_that_was_asked_for(tmp_path):
-    svg = sa.save_figure(FIGURES["step"], tmp_path / "f.svg").read_text()
+    svg = sa.save_figure(figures()["step"], tmp_path / "f.svg").read_text()
     assert "time t [s]" in svg
     assert re.search(r'width="249.4\d*pt"', svg)  # 88 mm
-    pdf = sa.save_figure(FIGURES["step"], tmp_path / "f.pdf", columns=2, height=60.0).read_bytes()
+    pdf = sa.save_figure(figures()["step"], tmp_path / "f.pdf", columns=2, height=60.0).read_bytes()
     box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", pdf)
     assert [float(v) / 72 * 25.4 for v in box.groups()] == pytest.approx([181.0, 60.0], abs=0.1)
     assert b"/Type3" not in pdf  # letters are letters of a font, which journals ask for
-    again = sa.save_figure(FIGURES["step"], tmp_path / "g.svg").read_text()
+    again = sa.save_figure(figures()["step"], tmp_path / "g.svg").read_text()
     assert again == svg  # nothing of the day or the run
 
 
 def test_the_figure_given_stays_as_it_is():
-    before = FIGURES["bode"].to_json()
-    sa.matplotlib_figure(FIGURES["bode"])
-    assert FIGURES["bode"].to_json() == before
+    before = figures()["bode"].to_json()
+    sa.matplotlib_figure(figures()["bode"])
+    assert figures()["bode"].to_json() == before

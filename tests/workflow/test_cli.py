@@ -1,5 +1,6 @@
 """The command line as a person or a machine meets it: output, exit codes, one sentence per kind of bad input."""
 
+import contextlib
 import io
 import json
 import os
@@ -63,6 +64,17 @@ def demo(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def identified(demo, tmp_path_factory):
+    """What 'identify' says of the demo's job, run once: its models, with their files."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert (
+            main(["identify", str(demo / "demo.toml"), "--out", str(tmp_path_factory.mktemp("found")), "--json"]) == 0
+        )
+    return json.loads(said.getvalue())
+
+
 def test_demo_writes_page_log_and_job(demo):
     assert sorted(p.name for p in demo.iterdir()) == ["demo.toml", "drive_log.csv", "index.html", "metrics.json"]
     html = (demo / "index.html").read_text()
@@ -99,7 +111,7 @@ def test_demo_numbers(demo):
         assert car["parameters"][name]["low"] < truth < car["parameters"][name]["high"], name
 
 
-def test_a_verdict_stands_beside_simple_models_and_the_noise(demo, tmp_path, capsys):
+def test_a_verdict_stands_beside_simple_models_and_the_noise(demo, identified, capsys):
     """Words, numbers and page agree, and 'validate' on the saved model says the same."""
     found = json.loads((demo / "metrics.json").read_text())["models"]
     stands = found["car"]["standing"]["r"]
@@ -112,8 +124,7 @@ def test_a_verdict_stands_beside_simple_models_and_the_noise(demo, tmp_path, cap
     best = max(fits, key=fits.__getitem__)
     assert f"the best of the simple models ({best}) {fits[best]:.1f} %" in page
     assert "quasi-steady, a simple model" in page
-    assert main(["identify", str(demo / "demo.toml"), "--out", str(tmp_path), "--json"]) == 0
-    file = json.loads(capsys.readouterr().out)["car"]["file"]
+    file = identified["car"]["file"]
     assert main(["validate", file, "--data", str(demo / "demo.toml"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)["standing"]["r"]
     assert re.search(rf"^fits {found['car']['free_run']['r']['fit']:.1f} % of r where .*: good, ", said)
@@ -251,11 +262,9 @@ def test_output_that_cannot_be_written(tmp_path, capsys):
     assert "cannot be" in sentence(capsys)
 
 
-def test_models_as_files(demo, tmp_path, capsys):
+def test_models_as_files(demo, identified, tmp_path, capsys):
     """Identify, then validate and compare from the files give the demo's own numbers."""
-    job = str(demo / "demo.toml")
-    assert main(["identify", job, "--out", str(tmp_path), "--json"]) == 0
-    written = json.loads(capsys.readouterr().out)
+    job, written = str(demo / "demo.toml"), identified
     files = [entry["file"] for entry in written.values()]
     assert sorted(written) == ["ARX(4, 4)", "car"]
     assert main(["validate", written["car"]["file"], "--data", job, "--json"]) == 0

@@ -172,7 +172,7 @@ class Dataset(InFrames, Shown, Equal):
 
     # ---- looking -----------------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Channel names, in column order."""
         return tuple(c.name for c in self.channels)

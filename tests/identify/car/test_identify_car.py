@@ -132,7 +132,7 @@ def test_delay_and_lag_are_said_apart_within_what_the_hold_between_samples_takes
     assert car.interval("steering_lag")[1] > np.hypot(car.model.value("steering_lag"), DT / np.sqrt(3))
 
 
-@pytest.mark.parametrize("over", [-1.0, -12.0])
+@pytest.mark.parametrize("over", [pytest.param(-1.0, marks=pytest.mark.slow), -12.0])
 def test_a_steering_logged_in_other_units_or_turned_gives_the_same_car(car, over):
     """The first guess of its gain is 1."""
     data = drives()
@@ -362,14 +362,15 @@ def test_the_car_is_saved_and_read_again(car, tmp_path):
         (dict(l_f=9.0), ParameterError, "between the axles"),
         (dict(mass=-1.0), ParameterError, "mass is -1"),
         (dict(steering_gain=0.0), ParameterError, "steering_gain is 0; expected at least 0.0001 either way"),
-        (dict(data=driven(-1.0)), TooShortError, "v_x is negative most of the time, turn its sign"),
-        (dict(data=driven(0.05)), TooShortError, "above 2.6 m/s"),
+        (dict(share=-1.0), TooShortError, "v_x is negative most of the time, turn its sign"),
+        (dict(share=0.05), TooShortError, "above 2.6 m/s"),
     ],
 )
 def test_bad_input_gets_a_sentence(change, error, said):
-    given = KNOWN | {"data": drives()} | change
+    given = KNOWN | change
+    data = driven(given.pop("share", 1.0))
     with pytest.raises(error, match=said):
-        identify_car(given.pop("data"), **given)
+        identify_car(data, **given)
 
 
 def test_a_missing_channel_and_milliseconds_get_a_sentence():

@@ -315,7 +315,7 @@ def scattered(settings, n, seeds, excited):
     ("forgetting", "n", "excited"),
     [
         (1.0, 300, np.ones_like),
-        (0.995, 700, np.ones_like),
+        pytest.param(0.995, 700, np.ones_like, marks=pytest.mark.slow),
         (0.98, 400, np.ones_like),
         (0.98, 60, np.ones_like),  # hardly anything is forgotten yet
         (0.98, 450, lambda k: np.where(k // 100 % 2, 0.05, 1.0)),  # bends and straights

@@ -20,6 +20,7 @@ from slipangle.numerics.held import held
 
 SHARE = 1e-3  # of a standard deviation, by which parameters are moved to see what follows
 _POINTS = 1001
+_AT_ONCE = 20_000  # numbers in the matrices that are solved together
 _UNITS = {"delta": "rad", "delta_sw": "rad", "v_x": "m/s", "v_y": "m/s", "r": "rad/s", "a_y": "m/s2", "beta": "rad"}
 _UNITS |= {"a_x": "m/s2", "T_f": "N m", "T_r": "N m", "psi": "rad", "r_dot": "rad/s2", "delta_w": "rad"}
 
@@ -156,8 +157,9 @@ class LinearisedModel:
         """Outputs over inputs at angular frequencies [rad/s], shape (n_frequencies, n_outputs, n_inputs), complex."""
         s = 1j * np.asarray(omega, dtype=float)
         z = np.exp(s * self.dt) if self.dt else s
-        eye = np.eye(len(self.A))
-        found = np.array([self.C @ np.linalg.solve(p * eye - self.A, self.B) + self.D for p in z])
+        eye, many = np.eye(len(self.A)), max(1, _AT_ONCE // max(1, self.A.size))
+        parts = [z[k : k + many, None, None] for k in range(0, max(1, len(z)), many)]
+        found = np.concatenate([self.C @ np.linalg.solve(p * eye - self.A, self.B) + self.D for p in parts])
         return found * np.exp(-s[:, None, None] * self.delay)
 
     def bode(
