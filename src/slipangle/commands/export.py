@@ -108,9 +108,10 @@ def _fmu(options: argparse.Namespace) -> Answer:
 
     A step is a whole number of sample times, inputs are held over it; docs/export.md says which variables there are.
     """
-    from slipangle.export.fmi import export_fmu
+    from slipangle.export.fmi import export_fmu, require_suffix
 
     name, path = _place(options, "export", ".fmu")
+    require_suffix(path)
     check_output(path.parent)
     with Bar(quiet=options.json or options.quiet) as bar:
         thing, _ = _thing(options, bar)

@@ -58,7 +58,8 @@ enum {
     CAR_INFEASIBLE,      /* no input was found that keeps all hard limits from this state */
     CAR_NOT_FINITE,      /* state, reference or prediction is NaN or infinite */
     CAR_FAILED,          /* the solver stopped without an answer */
-    CAR_IMPLAUSIBLE      /* state or reference lies far outside what it can be */
+    CAR_IMPLAUSIBLE,     /* state or reference lies far outside what it can be */
+    CAR_NOT_STARTED      /* car_start was forgotten: inputs stay where they are */
 };
 
 #if CAR_LEARNS
