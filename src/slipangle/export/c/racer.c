@@ -56,6 +56,7 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < NY; i++)
         d->seen[i] = NAN;
     d->started = STARTED, d->s = d->from = NAN, d->tick = -1, d->gear = 1;
+    say_nothing(&d->last);
     begin_learning(&d->learned);
     begin_sectors(&d->sectors);
     return CAR_OK;
