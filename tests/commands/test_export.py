@@ -112,3 +112,6 @@ def test_a_model_s_file(tmp_path, capsys):
     capsys.readouterr()
     assert main(fmu) == 2
     assert "is there already" in capsys.readouterr().err
+    assert main(["build", str(tmp_path / "car.json"), "--out", str(tmp_path / "built")]) == 2
+    assert "holds a model; expected a job with a [controller]" in capsys.readouterr().err
+    assert not (tmp_path / "built").exists()

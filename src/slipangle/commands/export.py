@@ -131,6 +131,11 @@ def _build(options: argparse.Namespace) -> Answer:
 
     name, folder = _place(options, "build")
     check_output(folder)
+    if options.what.endswith(".json"):
+        raise ConfigError(
+            f"'{options.what}' holds a model; expected a job with a [controller] or a [race] to build: write the model as "
+            "source code with 'slipangle export c'"
+        )
     with Bar(quiet=options.json or options.quiet) as bar:
         controller, drive = _controller(options.what, bar)
         bar(0.8, "compiling")
