@@ -62,6 +62,12 @@ DRIVER = {
     "FIRST": "late(NAN) == CAR_WRONG_TIME && (@SILENT@)",
     "START": "car_start(&it, sizeof it)",
 }
+RACER = DRIVER | {
+    "OBJECTS": DRIVER["OBJECTS"]
+    + "static int learned(void) { car_learned to; car_learned_by_now(&it, &to); return to.grip != 0; }",
+    "START": "(learned() ? -1 : car_start(&it, sizeof it))",
+    "FIRST": DRIVER["FIRST"] + " && learned()",
+}
 SENSOR = {
     "OBJECTS": "static car_sensor it;\nstatic double channels[CAR_CHANNELS];\nstatic car_estimate out;",
     "CALL": "car_update(&it, channels, &out)",
@@ -100,7 +106,7 @@ KINDS = {
     "recursion": (lambda: started("directional, constant"), RECURSION),
     "moving horizon": (lambda: test_windows.VARIANTS["one state"], FILTER),
     "driver": (test_drivers.VARIANTS["plain"], DRIVER),
-    "racer": (lambda: test_racers.racer(horizon=6), DRIVER),
+    "racer": (lambda: test_racers.racer(horizon=6), RACER),
 }
 FAST = ("filter", "recursion", "MPC", "path follower", "virtual sensor")
 

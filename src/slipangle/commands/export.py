@@ -133,8 +133,8 @@ def _build(options: argparse.Namespace) -> Answer:
     check_output(folder)
     if options.what.endswith(".json"):
         raise ConfigError(
-            f"'{options.what}' holds a model; expected a job with a [controller] or a [race] to build: write the model as "
-            "source code with 'slipangle export c'"
+            f"'{options.what}' holds a model; expected a job with a [controller] or a [race] to build: write the model "
+            "as source code with 'slipangle export c'"
         )
     with Bar(quiet=options.json or options.quiet) as bar:
         controller, drive = _controller(options.what, bar)
