@@ -92,6 +92,11 @@ def test_names_are_checked_first(name, capsys):
     assert "expected" in capsys.readouterr().err
 
 
+def test_an_fmu_is_called_one_before_anything_is_identified(capsys):
+    assert main(["export", "fmu", "no.toml", "--out", "m2"]) == 2
+    assert "'m2' does not end in .fmu; expected that" in capsys.readouterr().err
+
+
 def test_a_model_s_file(tmp_path, capsys):
     save(ALL_MODELS["bicycle"], tmp_path / "car.json")
     given = [str(tmp_path / "car.json"), "--json"]
@@ -107,3 +112,6 @@ def test_a_model_s_file(tmp_path, capsys):
     capsys.readouterr()
     assert main(fmu) == 2
     assert "is there already" in capsys.readouterr().err
+    assert main(["build", str(tmp_path / "car.json"), "--out", str(tmp_path / "built")]) == 2
+    assert "holds a model; expected a job with a [controller]" in capsys.readouterr().err
+    assert not (tmp_path / "built").exists()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slipangle.errors import WriteError
 from slipangle.export.drives import standard_drive
 from slipangle.export.fmi import export_fmu
 from slipangle.paths.lane_change import double_lane_change
@@ -50,6 +51,40 @@ def test_what_is_set_is_set_whole_and_time_goes_on(version, tmp_path, capfd):
     assert said in out
     assert f"the step begins at {7 * slave.dt:g} s, the FMU was at {2 * slave.dt:g} s" in out
     slave.end()
+
+
+@BOTH
+def test_parameters_that_do_not_go_together_are_said(version, tmp_path, capfd):
+    """As in Python: with the step that follows, when all are set that belong together, and once."""
+    model = ALL_MODELS["bicycle, three outputs"]
+    slave = Slave(export_fmu(model, tmp_path / "model.fmu", version=version), tmp_path / "at")
+    l_f, wheelbase, mass = slave.get("l_f", "wheelbase", "mass")
+    for values, said in (
+        ({}, ""),
+        ({"l_f": wheelbase}, "l_f is not below the wheelbase"),
+        ({}, ""),
+        ({"wheelbase": 1.5 * wheelbase}, ""),
+        ({"wheelbase": wheelbase, "l_f": l_f}, ""),
+        ({"mass": 1e-3 * mass}, "so little mass"),
+        ({"mass": 9e4, "wheelbase": 1.5, "l_f": 0.7}, "so much mass"),
+        ({"mass": mass, "C_f": 1e3}, ""),
+    ):
+        for name, value in values.items():
+            slave.set(**{name: value})
+        slave.step(2)
+        out = "".join(capfd.readouterr())
+        assert out.count("wheelbase") == bool(said), (values, out)
+        assert said in out
+    slave.end()
+
+
+def test_a_file_that_importers_would_not_know_is_refused(tmp_path):
+    model = ALL_MODELS["bicycle, three outputs"]
+    for name in ("m2", "m2.zip", "car.v2", "fmu"):
+        with pytest.raises(WriteError, match=rf"{name}' does not end in .fmu; .*: say '.*{name}.fmu'$"):
+            export_fmu(model, tmp_path / name, binary=False)
+    assert list(tmp_path.iterdir()) == []
+    assert export_fmu(model, tmp_path / "M2.FMU", binary=False).exists()
 
 
 def test_the_state_of_another_fmu_is_refused(tmp_path):

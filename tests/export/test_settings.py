@@ -20,7 +20,7 @@ from slipangle.export.names import checked, constants
 from slipangle.export.reserved import RESERVED
 from tests.export.test_mpc import STANLEY, controller
 from tests.export.test_static import EXPORTED, LONG
-from tests.export.tools import needs, run
+from tests.export.tools import ZIG, needs, run
 from tests.models.all_models import ALL_MODELS
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
@@ -159,3 +159,18 @@ def test_the_toolbox_compiles_with_flags_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
     assert not (tmp_path / "made").exists()
     assert build(controller(3), tmp_path / "made", drive=3).is_dir()
+
+
+def test_sums_keep_their_order_in_a_solver(tmp_path):
+    """A compiler that reorders them drops how numbers are rounded, by adding a large one: an error, or no effect."""
+    needs("gcc", "zig")
+    folder = controller(4).export(tmp_path / "made", name="racer", drive=60)
+    for flag in ("-fassociative-math", "-funsafe-math-optimizations", "-O2"):
+        given = ("-fno-signed-zeros", "-fno-trapping-math", flag)
+        command = ["gcc", *given, "-E", "racer.c", "-o", "it.i"]
+        said = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        known = "__ASSOCIATIVE_MATH__" in run("gcc", *given, "-dM", "-E", "-x", "c", "/dev/null", folder=folder)
+        assert ("leave out -fassociative-math" in said.stderr) == (said.returncode != 0) == known
+    loose = ("-O2", "-ffast-math", "-fno-finite-math-only")
+    run(*ZIG, "-std=c99", *loose, "-o", "replay", "racer.c", "main.c", "-lm", folder=folder)
+    assert ", 0 of them without a solution" in run("./replay", folder=folder, stdin=folder / "drive.csv")

@@ -120,6 +120,25 @@ def test_clang_tidy_has_nothing_to_say(kind, tmp_path):
     assert re.findall(r"^\S+:\d+:\d+: (?:warning|error): .*", said, re.MULTILINE) == []
 
 
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=[pytest.mark.slow] * (k in LONG)) for k in (*EXPORTED, "implicit model")]
+)
+def test_all_memory_is_the_callers_and_all_names_are_the_projects_own(kind, tmp_path):
+    """No file holds data that change, so that instances and threads do not meet, and several go into one program."""
+    needs("gcc", "nm")
+    thing = ALL_MODELS["single track, Radau"] if kind == "implicit model" else EXPORTED[kind]()
+    project = project_of(thing, "racer", 3)
+    for name, content in project.everything.items():
+        (tmp_path / name).write_text(content)
+    for source in (n.replace("car", "racer") for n in project.sources):
+        run("gcc", "-std=c99", "-O0", *(d.replace("CAR", "RACER") for d in DEFINED), "-c", source, folder=tmp_path)
+        symbols = run("nm", "--defined-only", source.replace(".c", ".o"), folder=tmp_path).split()
+        kinds, names = symbols[1::3], symbols[2::3]
+        assert set(kinds) <= {"T", "t", "r", "R"}, source
+        assert [n for k, n in zip(kinds, names, strict=True) if k.isupper() and not n.startswith("racer_")] == []
+        assert "racer_start" in names or "racer_step" in names or source != "racer.c"
+
+
 def test_no_explanation_is_for_a_rule_about_memory_or_recursion():
     """What an ECU asks first is kept, not explained away."""
     kept = {"17.2", "18.8", "21.3", "21.4", "21.5", "21.6", "21.8", "21.10", "9.1", "17.1", "15.1", "13.6", "22.2"}

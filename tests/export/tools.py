@@ -39,6 +39,7 @@ PACKAGES = {  # of Debian
     "clang-tidy": "clang-tidy",
     "valgrind": "valgrind",
     "size": "binutils",
+    "nm": "binutils",
 }
 
 

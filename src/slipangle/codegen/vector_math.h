@@ -3,6 +3,13 @@
    Errors are a few units in the last place. NaN stays NaN; what would overflow ends near 1e308; sine, cosine and tangent
    of angles from 2^36 (7e10) are NaN. Functions that vehicle models use rarely go through the C library lane by lane. */
 
+#ifdef __ASSOCIATIVE_MATH__
+#error "This code rounds by adding a large number: leave out -fassociative-math and -funsafe-math-optimizations."
+#endif
+#if defined __clang__ && __clang_major__ >= 11 /* which does not say so */
+#pragma clang fp reassociate(off)
+#endif
+
 #define NATIVE(width)                                                                                       \
     INLINE V v_sqrt(V a) { return (V)_mm##width##_sqrt_pd((__m##width##d)a); }                            \
     INLINE V v_fmin(V a, V b) { return (V)_mm##width##_min_pd((__m##width##d)a, (__m##width##d)b); }      \

@@ -108,9 +108,10 @@ def _fmu(options: argparse.Namespace) -> Answer:
 
     A step is a whole number of sample times, inputs are held over it; docs/export.md says which variables there are.
     """
-    from slipangle.export.fmi import export_fmu
+    from slipangle.export.fmi import export_fmu, require_suffix
 
     name, path = _place(options, "export", ".fmu")
+    require_suffix(path)
     check_output(path.parent)
     with Bar(quiet=options.json or options.quiet) as bar:
         thing, _ = _thing(options, bar)
@@ -130,6 +131,11 @@ def _build(options: argparse.Namespace) -> Answer:
 
     name, folder = _place(options, "build")
     check_output(folder)
+    if options.what.endswith(".json"):
+        raise ConfigError(
+            f"'{options.what}' holds a model; expected a job with a [controller] or a [race] to build: write the model "
+            "as source code with 'slipangle export c'"
+        )
     with Bar(quiet=options.json or options.quiet) as bar:
         controller, drive = _controller(options.what, bar)
         bar(0.8, "compiling")

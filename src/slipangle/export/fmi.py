@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import sys
 import tempfile
@@ -34,6 +35,7 @@ from slipangle.export.settings import is_count, place
 from slipangle.files import write_atomic
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
+from slipangle.models.parameters import ParameterSet
 
 PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
 NOT_MEASURED = 1e300  # beyond every channel's range
@@ -84,7 +86,7 @@ def export_fmu(
     thing : Model, MPC, MultiARXMPC, SwitchedMPC, PathFollower, Driver or Racer
         What to export.
     path : str or Path
-        The file, such as ``"car.fmu"``.
+        The file, which ends in ``.fmu``.
     name : str, optional
         Its model identifier; by default what is exported, such as ``mpc``.
     version : int
@@ -106,9 +108,10 @@ def export_fmu(
     ParameterError
         If the thing has no C, a setting is of another kind, or the name cannot be one there.
     WriteError
-        If the file is there already or cannot be written.
+        If the file is there already, does not end in ``.fmu`` or cannot be written.
     """
     target = place(path, "path")
+    require_suffix(target)
     if target.exists() and not force:
         raise WriteError(f"'{target}' is there already; expected a new file: name another, or replace it with --force")
     if version not in VERSIONS or not is_count(version):
@@ -136,6 +139,14 @@ def export_fmu(
                 compiler.compile_file([Path(scratch) / n for n in compiled], library, flags=flags, portable=True)
                 archive.write(library, f"binaries/{_platform(version)}/{project.name}{compiler.SUFFIX}")
         return write_atomic(target, made.read_bytes())
+
+
+def require_suffix(path: Path) -> None:
+    """Raise WriteError unless the file has the suffix by which importers tell an FMU."""
+    if path.suffix.lower() != ".fmu":
+        raise WriteError(
+            f"'{path}' does not end in .fmu; expected that, by which importers tell an FMU: say '{path}.fmu'"
+        )
 
 
 def _part(thing: Any, project: Project) -> Part:
@@ -183,15 +194,29 @@ def _of_model(model: Any) -> Part:
         )
     listed += [channel(s, "output", s, own=own) for s in model.outputs]
     step, output, slope = functions
+    doubts, above = _doubts(model, names)
     declared = [
         ("static void stepOf", step, ["v[REALS]"], "next[STATES]"),
         ("static void outputOf", output, ["v[REALS]"], "y[REALS - OUTPUTS]"),
         ("static void slopeOf", slope, ["v[REALS]", "along[REALS]"], "y[REALS - OUTPUTS]"),
+        *([("static void doubtOf", above, ["v[REALS]"], "above[DOUBTS]")] if doubts else []),
     ]
     ranges = [v for v in listed if v.causality == "parameter"]
-    lines = [f"#define STATES {n}", f"#define PARAMETERS {len(ranges)}", sourced(declared)]
+    sizes = {"STATES": n, "PARAMETERS": len(ranges), "DOUBTS": len(doubts)}
+    lines = [*(f"#define {k} {v}" for k, v in sizes.items()), sourced(declared)]
     lines += [table("LEAST", [v.low for v in ranges]), table("MOST", [v.high for v in ranges])] if ranges else []
+    lines += [f"static const char *const SAID[] = {{{', '.join(map(json.dumps, doubts))}}};"] if doubts else []
     return Part(code="\n".join([*lines, _template("model.c")]), variables=unique(listed), derivatives=True)
+
+
+def _doubts(model: Any, names: tuple[str, ...]) -> tuple[list[str], ca.Function | None]:
+    """What may be wrong with parameters that do not go together, and what is then not above zero."""
+    v = ca.SX.sym("v", model.n_states + model.n_inputs + len(names))
+    first = v.numel() - len(names)
+    values = {name: v[first + i] for i, name in enumerate(names)}
+    params = parametrised(model).with_values(**values).ode.params if names else None
+    found = params.doubts if isinstance(params, ParameterSet) else {}
+    return list(found), ca.Function("doubt", [v], [ca.densify(ca.vertcat(*found.values()))]) if found else None
 
 
 def _parametric(model: Any) -> tuple[tuple[str, ...], tuple[ca.Function, ...]]:
@@ -253,7 +278,8 @@ def _of_driver(driver: Driver | Racer, project: Project) -> Part:
 def _shell(name: str, project: Project, variables: list[Variable]) -> Part:
     """A file of ``export/fmu`` around those of a project, each of which stays one of its own."""
     kept = _compiled(project)
-    code = f'#include "{project.name}.h"\n#define PARAMETERS 0\n{with_prefix(_template(name), project.name)}'
+    without = "#define PARAMETERS 0\n#define DOUBTS 0"
+    code = f'#include "{project.name}.h"\n{without}\n{with_prefix(_template(name), project.name)}'
     return Part(
         code=code,
         variables=unique(variables),

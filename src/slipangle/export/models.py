@@ -76,7 +76,7 @@ def sourced(functions: Sequence[tuple[str, ca.Function | Repeated, Sequence[str]
             code.append(emit(plain, f"plain{name}"))
             call = f"    plain{name}({', '.join(names)});"
         else:
-            called.append(_wide(function, f"wide{name}"))
+            called.append(_wide(function, f"car_wide{name}"))
             call = _call(called[-1], tuple(names[:-1]), names[-1])
         listed = ", ".join([*(f"const double {a}" for a in arguments), f"double {result}"])
         whole = function.whole("whole") if isinstance(function, Repeated) else function
@@ -122,7 +122,8 @@ def _wide(function: ca.Function, name: str) -> ca.Function:
 
 
 def _casadi(functions: list[ca.Function]) -> str:
-    generator = ca.CodeGenerator("wide", {"with_header": False, "verbose": False})
+    """Their C, all of whose names a project's own precedes, so that several go into one program."""
+    generator = ca.CodeGenerator("car_wide", {"with_header": False, "verbose": False})
     for function in functions:
         generator.add(function)
     return generator.dump()

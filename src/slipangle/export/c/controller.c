@@ -1,6 +1,9 @@
 /* What all controllers have around their decision: memory, the caller's clock, the deadline, health. */
 
+#define STARTED 0x51195a17 /* of memory that car_start has made a controller of */
+
 typedef struct {
+    int64_t started;
     double seconds; /* deadline [s] */
     car_seconds begun; /* when the plan began */
     car_seconds (*clock)(void *);
@@ -37,7 +40,9 @@ int car_start(car_controller *memory, size_t bytes)
         return CAR_MISALIGNED;
     memset(c, 0, sizeof *c);
     c->around.seconds = INFINITY;
-    return set_up(c);
+    int code = set_up(c);
+    c->around.started = code == CAR_OK ? STARTED : 0;
+    return code;
 }
 
 void car_deadline(car_controller *memory, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of)
@@ -59,9 +64,30 @@ static void count(Around *a, int fell, int anew, double took)
     a->health[5] += anew;
 }
 
+/* What is said before car_start: inputs stay where they are, as a fallback, and nothing is known of what follows. */
+static int say_nothing(const car_input *in, car_output *out)
+{
+    memset(out, 0, sizeof *out);
+    applied_before(NULL, in, out->command);
+    for (int i = 0; i < CAR_HORIZON; i++)
+        memcpy(out->u[i], out->command, sizeof out->command);
+    for (int i = 0; i < CAR_NODES; i++)
+        for (int a = 0; a < CAR_STATES; a++)
+            out->x[i][a] = NAN;
+#if CAR_DECIDED > 0
+    for (int i = 0; i < CAR_DECIDED; i++)
+        out->decided[i] = NAN;
+#endif
+    out->cost = out->residual = out->violation = NAN;
+    out->age = out->stopping = 1;
+    return out->status = CAR_NOT_STARTED;
+}
+
 int car_plan(car_controller *memory, const car_input *in, car_output *out)
 {
     Controller *c = own(memory);
+    if (c->around.started != STARTED)
+        return say_nothing(in, out);
     c->around.begun = clock_of(&c->around);
     out->begun_anew = 0;
     int status = decide(c, in, out);

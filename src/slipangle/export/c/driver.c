@@ -47,6 +47,7 @@ int car_start(car_driver *memory, size_t bytes)
         d->pending[i] = NAN, d->seen[i] = NAN;
     d->v_x = d->s = NAN, d->tick = -1;
     d->started = STARTED;
+    say_nothing(&d->last);
     watch_begin(&d->watch);
 #ifdef TRUSTED
     d->surprise = UNKNOWN;

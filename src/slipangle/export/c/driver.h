@@ -80,8 +80,8 @@ int car_start(car_driver *driver, size_t bytes);
 void car_deadline(car_driver *driver, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
 /* Takes in what was measured and says what to do; CAR_WRONG_TIME, with the commands as they were, where time is no number,
-   beyond 1e10 s or before that of the last call: these are old then, and the vehicle should stop. CAR_NOT_STARTED, with
-   commands of zero and a position that is lost, before car_start. */
+   beyond 1e10 s or before that of the last call: these are old then, a position that is lost before the first, and the
+   vehicle should stop. CAR_NOT_STARTED, with commands of zero and a position that is lost, before car_start. */
 int car_step(car_driver *driver, const car_measurements *measured, car_commands *commands);
 
 /* The last plan; all zero before the first. */

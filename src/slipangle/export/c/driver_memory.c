@@ -16,18 +16,23 @@ static Driver *own(car_driver *memory)
     return d;
 }
 
-/* Whether car_start has made a driver of the memory; else what there is to be done. */
-static int begun_with(const Driver *d, car_commands *c)
+/* What there is to be done where nothing is known. */
+static void say_nothing(car_commands *c)
 {
-    if (d->started == STARTED)
-        return 1;
     memset(c, 0, sizeof *c);
     c->reason = CAR_LOST;
     for (int a = 0; a < NX; a++)
         c->state_std[a] = INFINITY;
     for (int i = 0; i < NY; i++)
         c->age[i] = NAN;
-    return 0;
+}
+
+/* Whether car_start has made a driver of the memory; else that is said. */
+static int begun_with(const Driver *d, car_commands *c)
+{
+    if (d->started != STARTED)
+        say_nothing(c);
+    return d->started == STARTED;
 }
 
 static double within(double v, double low, double high)

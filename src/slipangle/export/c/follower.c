@@ -45,11 +45,20 @@ static int fault(const car_input *in)
     return good ? CAR_SOLVED : finite ? CAR_IMPLAUSIBLE : CAR_NOT_FINITE;
 }
 
-static int decide(Controller *c, const car_input *in, car_output *out)
+/* The angle over the step before, within bounds: as said, else as planned, if, else straight ahead. */
+static void applied_before(const double *planned, const car_input *in, double *to)
 {
     double said = in->applied[0];
-    int believed = in->applied_known && fabs(said) <= 1e12, status = fault(in);
-    double before = within(believed ? said : c->plans ? c->u[0] : 0.0, -LIMIT, LIMIT), angle = before, last = before;
+    int believed = in->applied_known && fabs(said) <= 1e12;
+    *to = within(believed ? said : planned ? planned[0] : 0.0, -LIMIT, LIMIT);
+}
+
+static int decide(Controller *c, const car_input *in, car_output *out)
+{
+    int status = fault(in);
+    double before;
+    applied_before(c->plans ? c->u : NULL, in, &before);
+    double angle = before, last = before;
     if (status == CAR_SOLVED) {
         double road = steer(in->x, in->tracked, in->exogenous[0][0], GAIN * (before - OFFSET));
         angle = road / GAIN + OFFSET;

@@ -58,6 +58,14 @@ static int fault(const Work *s)
 
 static double within(double v, double low, double high) { return smaller(larger(v, low), high); }
 
+/* The input over the step before, within bounds: as said, else as planned, if, else that at rest. */
+static void applied_before(const double *planned, const car_input *in, double *to)
+{
+    double said = in->applied[0];
+    int believed = in->applied_known && fabs(said) <= ANY_INPUT;
+    *to = within(believed ? said : planned ? planned[0] : 0.0, BOUNDS[0], BOUNDS[1]);
+}
+
 /* Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else. */
 static void believe(Controller *c)
 {
@@ -103,9 +111,8 @@ static int decide(Controller *c, const car_input *in, car_output *out)
 {
     static const int outcomes[] = {CAR_SOLVED, CAR_NOT_FINITE, CAR_FAILED, CAR_INFEASIBLE};
     Work *s = &c->work;
-    double said = in->applied[0];
-    int believed = in->applied_known && fabs(said) <= ANY_INPUT;
-    double before = within(believed ? said : c->plans ? c->u[0] : 0.0, s->bounds[0], s->bounds[1]);
+    double before;
+    applied_before(c->plans ? c->u : NULL, in, &before);
     memcpy(s->x, in->x, sizeof s->x);
     memcpy(s->path, in->tracked, sizeof s->path);
     memcpy(s->v, in->exogenous, sizeof s->v);

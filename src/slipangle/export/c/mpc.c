@@ -91,15 +91,15 @@ static void unwind(Work *s)
 #endif
 }
 
-/* Inputs applied over the step before, within bounds: as said, else as planned, else those at rest. */
-static void applied_before(const Controller *c, const car_input *in, double *to)
+/* Inputs applied over the step before, within bounds: as said, else as planned, if, else those at rest. */
+static void applied_before(const double *planned, const car_input *in, double *to)
 {
     double size = 0;
     for (int j = 0; j < NU; j++)
         size += in->applied[j] * in->applied[j];
     int said = in->applied_known && size <= ANY_INPUT * ANY_INPUT;
     for (int j = 0; j < NU; j++) {
-        double u = said ? in->applied[j] : c->plans ? c->u[j] : 0.0;
+        double u = said ? in->applied[j] : planned ? planned[j] : 0.0;
         to[j] = smaller(larger(u, INPUT_LOW[j]), INPUT_HIGH[j]);
     }
 }
@@ -199,7 +199,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
     Work *s = &c->work;
     double before[NU], limit = c->around.seconds;
     s->qp.clock_of = c;
-    applied_before(c, in, before);
+    applied_before(c->plans ? c->u : NULL, in, before);
     memcpy(s->x0, in->x, sizeof s->x0);
     memcpy(s->applied, before, sizeof s->applied);
     memcpy(s->r, in->inputs, sizeof s->r);

@@ -56,6 +56,7 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < NY; i++)
         d->seen[i] = NAN;
     d->started = STARTED, d->s = d->from = NAN, d->tick = -1, d->gear = 1;
+    say_nothing(&d->last);
     begin_learning(&d->learned);
     begin_sectors(&d->sectors);
     return CAR_OK;
@@ -233,6 +234,9 @@ int car_step(car_driver *memory, const car_measurements *measured, car_commands 
 void car_learned_by_now(const car_driver *memory, car_learned *to)
 {
     const Driver *d = (const Driver *)(const void *)memory->memory;
+    memset(to, 0, sizeof *to);
+    if (d->started != STARTED)
+        return;
     to->laps = d->laps, to->grip = d->learned.grip, to->grip_std = d->learned.grip_std;
     memcpy(to->faster, d->sectors.faster, sizeof to->faster);
     memcpy(to->narrower, d->sectors.narrower, sizeof to->narrower);

@@ -6,4 +6,5 @@ typedef struct {
     double narrower[CAR_SECTORS];  /* room that is kept from the edges beside the margin [m] */
 } car_learned;
 
+/* What is known by now; all zero before car_start. */
 void car_learned_by_now(const car_driver *driver, car_learned *to);

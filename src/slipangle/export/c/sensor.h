@@ -34,7 +34,7 @@ typedef struct {
     int64_t memory[CAR_BYTES / 8];
 } car_sensor;
 
-enum { CAR_OK, CAR_TOO_SMALL, CAR_SILENT };
+enum { CAR_OK, CAR_TOO_SMALL, CAR_SILENT, CAR_NOT_STARTED };
 
 /* Makes a sensor of `bytes` bytes of memory, sizeof(car_sensor), before its first sample. */
 int car_start(car_sensor *sensor, size_t bytes);
@@ -42,7 +42,8 @@ int car_start(car_sensor *sensor, size_t bytes);
 /* Forgets all samples: after a gap. */
 void car_restart(car_sensor *sensor);
 
-/* Takes in a sample, NaN for what was not measured; CAR_SILENT where nothing can be said. */
+/* Takes in a sample, NaN for what was not measured; CAR_SILENT where nothing can be said,
+   CAR_NOT_STARTED before car_start. */
 int car_update(car_sensor *sensor, const double channels[CAR_CHANNELS], car_estimate *to);
 
 #ifdef __cplusplus

@@ -33,6 +33,13 @@ static void set_bound(Controller *c, int iterations)
 
 static double larger(double a, double b) { return a > b ? a : b; }
 
+/* The input over the step before, within bounds: as said, else as planned, if, else that at rest. */
+static void applied_before(const double *planned, const car_input *in, double *to)
+{
+    double said = in->applied[0], u = in->applied_known && fabs(said) <= 1e12 ? said : planned ? planned[0] : 0.0;
+    *to = u < LOWEST ? LOWEST : u > HIGHEST ? HIGHEST : u;
+}
+
 /* Share of grip that is needed: on the path ahead, by the yaw rate now, and in the plan before; infinite if anything is
    not finite. */
 static double demand_of(const Controller *c, const car_input *in)

@@ -1,6 +1,7 @@
 /* What both versions of FMI have: REALS numbers in one array, of which those from OUTPUTS on are computed and the PARAMETERS
-   before these stay within ranges; then the time, where it HAS_TIME as a variable. `fmuStart`, `fmuOutput`, `fmuStep`, which
-   says whether it led to numbers, and `fmuSlope` stand before this. */
+   before these stay within ranges, and of which DOUBTS are said if they do not go together; then the time, where it HAS_TIME
+   as a variable. `fmuStart`, `fmuOutput`, `fmuStep`, which says whether it led to numbers, `fmuSlope` and `fmuDoubt` stand
+   before this. */
 
 #include <stdio.h>
 
@@ -17,6 +18,7 @@ typedef struct {
     double real[REALS];
     double time;
     int stale;       /* outputs are to be computed */
+    int changed;     /* parameters are, since it was last asked whether they go together */
     void *whole;     /* the memory in which this lies, where its vectors may */
     char said[160];  /* the last sentence with numbers */
 } Core;
@@ -27,7 +29,7 @@ static void begin(Core *s)
 {
     memset(&s->part, 0, sizeof s->part);
     memcpy(s->real, STARTS, sizeof s->real);
-    s->time = 0, s->stale = 1;
+    s->time = 0, s->stale = 1, s->changed = 0;
     fmuStart(&s->part);
 }
 
@@ -63,14 +65,16 @@ static const char *set(Core *s, const unsigned int *at, size_t n, const double *
         }
 #endif
     }
-    for (size_t i = 0; i < n; i++)
+    for (size_t i = 0; i < n; i++) {
         s->real[at[i]] = value[i];
+        s->changed |= at[i] >= OUTPUTS - PARAMETERS;
+    }
     s->stale = 1;
     return NULL;
 }
 
 /* Steps of DT each, all or none: what is no whole number of them, or leads to states that are no numbers, is refused. `doubt`
-   is where the step does not go on from where the one before ended. */
+   is where the step does not go on from where the one before ended, else what is wrong with parameters that were changed. */
 static const char *advance(Core *s, double now, double length, const char **doubt)
 {
     double before[REALS], steps = floor(length / DT + 0.5);
@@ -92,6 +96,10 @@ static const char *advance(Core *s, double now, double length, const char **doub
                  now, s->time);
         *doubt = s->said;
     }
+#if DOUBTS > 0
+    else if (s->changed) /* a parameter at a time is set, of which two may belong together */
+        *doubt = fmuDoubt(s->real), s->changed = 0;
+#endif
     s->time = now + length, s->stale = 1;
     return NULL;
 }

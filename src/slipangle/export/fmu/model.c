@@ -29,3 +29,16 @@ static int fmuSlope(const Part *p, const double *v, const double *along, double 
     slopeOf(v, along, to);
     return 1;
 }
+
+#if DOUBTS > 0
+/* What is wrong with parameters that do not go together, or nothing. */
+static const char *fmuDoubt(const double *v)
+{
+    double above[DOUBTS] = {0};
+    doubtOf(v, above);
+    for (int k = 0; k < DOUBTS; k++)
+        if (!(above[k] > 0))
+            return SAID[k];
+    return NULL;
+}
+#endif

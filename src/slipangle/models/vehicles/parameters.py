@@ -49,6 +49,16 @@ class ChassisParams(ParameterSet):
             warnings.warn(said, ModelWarning, stacklevel=3)
 
     @property
+    def doubts(self) -> dict[str, Scalar]:
+        """What is warned of where a set is made, for those that are changed elsewhere."""
+        lightest, heaviest = _DENSITIES[0] / IMPOSSIBLE, _DENSITIES[1] * IMPOSSIBLE
+        return {
+            "l_f is not below the wheelbase: the centre of gravity is not between the axles": self.l_r,
+            "no vehicle of this wheelbase has so little mass": self.mass - lightest * self.wheelbase**3,
+            "no vehicle of this wheelbase has so much mass": heaviest * self.wheelbase**3 - self.mass,
+        }
+
+    @property
     def l_r(self) -> Scalar:
         """Distance from the centre of gravity to the rear axle. [m]"""
         return self.wheelbase - self.l_f
