@@ -115,9 +115,9 @@ def test_four_times_the_points_change_little():
 
 def differences_of(name, lap):
     value = getattr(lap.car, name)
-    h = max(1e-3 * abs(value), 1e-3)
+    h = 1e-3 * abs(value) or 1e-3
     costs = [
-        sa.fastest_lap(replace(lap.car, **{name: value + d}), circuit(), like=lap, tolerance=1e-8).cost for d in (h, -h)
+        sa.fastest_lap(replace(lap.car, **{name: value + d}), lap.track, like=lap, tolerance=1e-8).cost for d in (h, -h)
     ]
     return (costs[0] - costs[1]) / (2 * h)
 
@@ -126,6 +126,29 @@ def differences_of(name, lap):
 def test_sensitivities_are_those_of_laps_anew(name):
     lap = lap_of_the_circuit()
     assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=1e-3)
+
+
+def around(radius, turn, straight, width):
+    """An open track: a bend by an angle, between two straights of a length, none if zero."""
+    a = np.linspace(0.0, turn, 60)
+    d = np.linspace(0.0, straight, 40)[1:] if straight else np.zeros(0)
+    X = np.concatenate([d[::-1] * 0 + radius, radius * np.cos(a), radius * np.cos(turn) - d * np.sin(turn)])
+    Y = np.concatenate([-d[::-1], radius * np.sin(a), radius * np.sin(turn) + d * np.cos(turn)])
+    return sa.Path.from_points(X, Y, right=width, left=width, name="around")
+
+
+@pytest.mark.parametrize(
+    ("track", "car", "name"),
+    [
+        (around(60.0, 4.0, 0.0, 4.0), RACER, "width"),  # begins at an edge
+        (around(60.0, 4.0, 0.0, 4.0), replace(RACER, delta_max=0.06), "delta_max"),  # and at the steering's stop
+        (around(6.0, np.pi, 60.0, 8.0), RACER, "width"),  # kept off the bend's centre, by no edge
+    ],
+    ids=["edge", "stop", "centre"],
+)
+def test_bounds_of_an_open_track_are_worth_what_laps_anew_say(track, car, name):
+    lap = sa.fastest_lap(car, track, points=120, tolerance=1e-8)
+    assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=5e-3)
 
 
 @pytest.mark.slow

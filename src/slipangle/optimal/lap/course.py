@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.paths.path import Path
 
-_INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
+INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
 _UNSEEN = 0.03  # of the track's mean width, up to which an edge may come in between two points
 
 
@@ -81,8 +81,8 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
     ahead, back = track.at(s + 0.5 * window).psi, track.at(s - 0.5 * window).psi
     curvature = _turned(ahead - back) / window
     bend = np.maximum(np.abs(curvature), 1e-9)
-    high = np.where(curvature > 0, np.minimum(high, _INNERMOST / bend), high)
-    low = np.where(curvature < 0, np.maximum(low, -_INNERMOST / bend), low)
+    high = np.where(curvature > 0, np.minimum(high, INNERMOST / bend), high)
+    low = np.where(curvature < 0, np.maximum(low, -INNERMOST / bend), low)
     narrow = int(np.argmin(high - low))
     if not high[narrow] - low[narrow] > 0:
         raise ParameterError(

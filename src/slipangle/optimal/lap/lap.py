@@ -16,7 +16,7 @@ from slipangle.models.analysis.linearize import directions
 from slipangle.models.model import Model
 from slipangle.optimal.checks import is_number
 from slipangle.optimal.lap.car import LapCar, rates, slip
-from slipangle.optimal.lap.course import Course
+from slipangle.optimal.lap.course import INNERMOST, Course
 from slipangle.optimal.lap.program import N_STATES, scales, worth
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import SPACING, Path
@@ -24,6 +24,7 @@ from slipangle.shown import Shown
 
 _BEYOND = 16  # intervals of a closed lap past its ends, by which the line goes on over the start as anywhere
 _FINE = 4  # points of the line in one of the path's
+_AT = 1e-3  # of a bend's radius, from what bounds the offset in it
 _YIELDS = 0.01  # of an interval's length cubed: what bends the line as much as the places are off
 
 
@@ -239,9 +240,13 @@ def _sensitivities(lap: Lap) -> dict[str, float]:
     car, duals, count = lap.car, lap.duals, len(lap.s)
     slope = worth(count // 2, lap.track.closed)(duals["x"], duals["p"], duals["lam_g"])
     found = dict(zip(LapCar.felt(), np.asarray(slope).ravel(), strict=True))
-    bound = np.abs(duals["lam_x"][: 9 * count].reshape(count, 9) / scales(car))
-    found["width"] += 0.5 * bound[:, 0].sum() if lap.free else 0.0
-    found["delta_max"] -= bound[:, 5].sum()
+    size, dual = scales(car), np.abs(duals["lam_x"])
+    bound = dual[: 9 * count].reshape(count, 9) / size
+    first = dual[9 * count :] / size[: len(dual) - 9 * count]  # of an open track, else none
+    curvature = duals["p"][-(count + count // 2) : -(count // 2)]
+    at_edge = bound[lap.n * curvature < INNERMOST - _AT, 0]  # elsewhere the bend's radius bounds the offset
+    found["width"] += 0.5 * (at_edge.sum() + first[:1].sum()) if lap.free else 0.0
+    found["delta_max"] -= bound[:, 5].sum() + first[5:6].sum()
     found["delta_rate"] -= bound[:, 7].sum()
     found["force_rate"] -= bound[:, 8].sum() * car.weight
     found["mass"] -= bound[:, 8].sum() * car.force_rate * car.weight / car.mass
