@@ -225,6 +225,7 @@ WARNS = {
             "the data have a level that a model without a constant cannot hold",
         ),
     ),
+    "paths/track_columns.py": (1, ("which is left out: tracks here are flat",)),
     "optimal/lap/resolved.py": (1, ("turns to and fro by",)),
     "identify/tires/curves.py": (1, ("the data do not determine", "the fit stopped at its budget")),
     "identify/tires/magic_formula.py": (

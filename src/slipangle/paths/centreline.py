@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import interpolate
 
-from slipangle.data.numerals import decoded, to_number
+from slipangle.data.numerals import decoded, is_number, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
 from slipangle.paths.track_columns import chosen, in_metres, said_of_columns
@@ -111,7 +111,8 @@ def limit_rise(
 def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
 
-    Where a line heads the columns, they go by their names, in any order, and others are left out (`chosen`).
+    Where a line heads the columns, they go by their names, in any order, and others are left out (`chosen`), which need
+    not be numbers. Between semicolons commas are decimal ones.
 
     And latitude and longitude of its origin [rad], where its headings say that it has such, see `in_metres`.
 
@@ -122,7 +123,7 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
     raw = read_bytes(source, "the track", "a CSV file: check the path")
     text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
-    swapped, columns = False, []
+    swapped, columns, kept = False, [], []  # kept: places of a row that must be numbers, x and y first
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not rows:
@@ -132,12 +133,14 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
         if not content:
             continue
         try:
-            row = [to_number(c) for c in content.replace(";", ",").replace(",", " ").split()]
+            cells = _cells(content)
+            kept = kept or (chosen(columns) if len(columns) == len(cells) else None) or list(range(len(cells)))
+            row = [to_number(c) if j in kept or is_number(c) else math.nan for j, c in enumerate(cells)]
         except ValueError:
             raise FormatError(
                 f"line {number} of '{source.name}' is {shown(content)}; expected numbers x, y, width right, width left"
             ) from None
-        if not all(map(math.isfinite, row[:2])):
+        if not all(math.isfinite(row[j]) for j in kept[:2] if j < len(row)):
             raise NotFiniteError(f"line {number} of '{source.name}' is {shown(content)}; expected a finite x and y")
         columns = columns if rows or len(columns) == len(row) else []
         if (len(row) not in (2, 4) and not columns) or len(row) != len(rows[0] if rows else row):
@@ -158,6 +161,11 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
             "from 0 on"
         )
     return (table[:, [0, 1, 3, 2]] if swapped and not columns and table.shape[1] == 4 else table), origin
+
+
+def _cells(line: str) -> list[str]:
+    """What stands between separators; where these are semicolons, commas are decimal ones."""
+    return (line.replace(",", ".").replace(";", " ") if ";" in line else line.replace(",", " ")).split()
 
 
 def _left_first(line: str) -> bool:

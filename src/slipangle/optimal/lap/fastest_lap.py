@@ -231,12 +231,13 @@ def _usual_points(track: Path, spacing: float) -> int:
 
 
 def _require_length(track: Path, car: LapCar) -> None:
-    """Raise ParameterError if the track is too short for its car, as one in kilometres is."""
+    """Raise ParameterError if the track is too short for its car, as one in kilometres or degrees is."""
     least = _SHORTEST[0 if track.closed else 1] * car.wheelbase
     if track.length < least:
         raise ParameterError(
             f"'{track.name}' is {track.length:.3g} m long; expected {least:.2g} m at least for a car of "
-            f"{car.wheelbase:.3g} m between its axles: give the track in metres, not in kilometres"
+            f"{car.wheelbase:.3g} m between its axles: give the track in metres, not in kilometres, and "
+            "head latitude and longitude lat, lon"
         )
 
 
