@@ -3,7 +3,7 @@
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +13,7 @@ from scipy import interpolate
 from slipangle.data.numerals import decoded, is_number, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
+from slipangle.paths.smooth import smooth_line
 from slipangle.paths.track_columns import chosen, in_metres, said_of_columns
 
 MOST_POINTS = 100_000  # of a track's line
@@ -29,20 +30,7 @@ def sample_spline(
     """
     chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     _refuse_long(chord[-1], spacing)
-    degree: Literal[3, 5] = 5 if len(x) > 5 else 3
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        try:
-            knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
-        except (RuntimeWarning, ValueError, TypeError, OverflowError):
-            raise ParameterError(
-                f"no smooth line with a smoothing of {smoothing:g} m was found through {len(x)} points; expected "
-                "points in driving order and a smoothing as large as their error: correct them or try another smoothing"
-            ) from None
-
-    def derivative(u: np.ndarray, order: int) -> np.ndarray:
-        return np.asarray(interpolate.splev(u, knots, der=order), dtype=float)
-
+    derivative, chord = _curve(x, y, chord, closed=closed, smoothing=smoothing)
     fine = np.linspace(0.0, chord[-1], max(int(chord[-1] / (0.2 * spacing)), 50 * len(x)) + 1)
     middle = 0.5 * (fine[1:] + fine[:-1])
     speed, speed_mid = (np.hypot(*derivative(u, 1)) for u in (fine, middle))
@@ -68,6 +56,26 @@ def sample_spline(
         "curvature": (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3,
     }
     return samples, np.interp(chord, fine, arc)
+
+
+def _curve(
+    x: np.ndarray, y: np.ndarray, chord: np.ndarray, *, closed: bool, smoothing: float
+) -> tuple[Callable[[np.ndarray, int], np.ndarray], np.ndarray]:
+    """Derivatives of some order of a curve, shape (2, n), at values of its parameter; and that of the points."""
+    degree: Literal[3, 5] = 5 if len(x) > 5 else 3
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            if smoothing > 0:
+                line, u = smooth_line(np.column_stack([x, y]), smoothing, closed=closed)
+                return lambda at, order: line(at, nu=order).T, u
+            knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=0.0, per=int(closed), quiet=1)
+        except (RuntimeWarning, RuntimeError, ValueError, TypeError, OverflowError):
+            raise ParameterError(
+                f"no smooth line with a smoothing of {smoothing:g} m was found through {len(x)} points; expected "
+                "points in driving order and a smoothing as large as their error: correct them or try another smoothing"
+            ) from None
+    return lambda at, order: np.asarray(interpolate.splev(at, knots, der=order), dtype=float), chord
 
 
 def _refuse_long(length: float, spacing: float) -> None:

@@ -14,6 +14,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENG
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces, rates
 from slipangle.optimal.lap.course import course
+from slipangle.report.lap import calm_said
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -366,6 +367,19 @@ def test_a_lap_shows_itself():
     assert len(lap.plot("v_x", "delta").data) == 2
     with pytest.raises(ParameterError, match="no channel of a lap 'speed'"):
         lap.plot("speed")
+
+
+@pytest.mark.filterwarnings("ignore:the line of 'slalom' turns to and fro")
+def test_a_slalom_says_that_smoothness_makes_it_slow():
+    X = np.linspace(0.0, 100.0, 200)
+    track = sa.Path.from_points(X, 1.5 * np.sin(2 * np.pi * X / 26), right=1.5, left=1.5, name="slalom")
+    calm, quick = (sa.fastest_lap(replace(RACER, width=1.4), track, smoothness=w) for w in (1.0, 0.03))
+    assert calm.calm == pytest.approx((calm.cost - calm.time) / calm.time)
+    assert quick.time < 0.97 * calm.time
+    assert "it can be faster with less smoothness" in repr(calm)
+    assert "smoothness = 0.1, the lap is faster" in calm_said(calm)
+    for lap in (quick, lap_of_the_circuit()):
+        assert "smoothness" not in repr(lap) + calm_said(lap)
 
 
 def test_what_is_allowed_at_a_place_holds_there_and_costs_time():

@@ -24,6 +24,7 @@ from slipangle.shown import Shown
 
 _BEYOND = 16  # intervals of a closed lap past its ends, by which the line goes on over the start as anywhere
 _FINE = 4  # points of the line in one of the path's
+CALM = 0.03  # what smoothness costs over the lap time, from which on it is said
 _AT = 1e-3  # of a bend's radius, from what bounds the offset in it
 _YIELDS = 0.01  # of an interval's length cubed: what bends the line as much as the places are off
 
@@ -99,7 +100,13 @@ class Lap(Shown):
     track: Path
 
     def _words(self) -> str:
-        return f"{self.track.name}, {self.time:.3f} s, {3.6 * self.s[-1] / self.time:.0f} km/h on average"
+        calm = ", calm: it can be faster with less smoothness" if self.calm > CALM else ""
+        return f"{self.track.name}, {self.time:.3f} s, {3.6 * self.s[-1] / self.time:.0f} km/h on average{calm}"
+
+    @property
+    def calm(self) -> float:
+        """What smoothness costs beside the lap time, over it: some percent make a lap as much slower. [-]"""
+        return self.cost / self.time - 1.0
 
     @cached_property
     def path(self) -> Path:
@@ -121,7 +128,7 @@ class Lap(Shown):
         """Change of `cost` per unit of each parameter of the car, from the multipliers. [s per unit]
 
         Negative where more is faster. Smoothness counts at constant weight, so they are those of the lap time but for
-        its small share; a given line is kept to as closely as before.
+        its share, see `calm`; a given line is kept to as closely as before.
         """
         return _sensitivities(self)
 

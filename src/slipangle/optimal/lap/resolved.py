@@ -67,7 +67,7 @@ def _warn_of_noise(track: Path, stretch: float) -> None:
             f"the line of '{track.name}' turns to and fro by {shaken.max():.2g} rad within {stretch:.3g} m, {at:.0f} m "
             f"after its start, and by {shaken.mean():.2g} rad in the mean; if that is noise of its points, no slalom, "
             "its lap is nonsense: give Path.from_points or from_file smoothing=, the standard deviation of the points "
-            "[m], and cut an overlap past the start",
+            "[m], a job smoothing in [lap], and cut an overlap past the start",
             ModelWarning,
             stacklevel=4,
         )
