@@ -234,6 +234,22 @@ def test_a_gate_between_two_points_that_the_car_does_not_fit_through_is_named():
         sa.fastest_lap(RACER, oval(65, right=-4.0), points=60)
 
 
+@pytest.mark.parametrize("inside", [1.5, 9.0])
+def test_a_width_that_leaps_holds_on_both_sides_of_the_leap(inside):
+    """From 4 m to less or to more at once: 4 m stay 4 m, and no line cuts the corner that the wider edge has."""
+    kidney = circuit()
+    wide = np.where((kidney.s > 200) & (kidney.s < 300), inside, 4.0)
+    track = replace(kidney, right=wide, left=wide)
+    along = course(track, np.linspace(0.0, track.length, 61), room=1.0, tolerance=None)
+    near = np.interp(along.s, track.s, wide)
+    assert (along.high[near == near.min()] == near.min() - 1.0).all()
+    assert (along.high[np.abs(along.s - 250) < 30] == np.minimum(inside - 1.0, along.high.max())).all()
+    lap = sa.fastest_lap(RACER, track, points=120)
+    s = np.linspace(0.0, track.length, 4000)
+    n = np.interp(s, lap.s, lap.n, period=track.length)
+    assert (np.abs(n) + 0.5 * RACER.width - track.at(s).left).max() < 0.03 * 8.0
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_edges_that_change_slowly_are_those_at_the_points(closed):
     s = np.arange(0.0, 400.0, 5.0)
@@ -284,6 +300,11 @@ def test_settings_out_of_range_are_named():
     for wrong in ({"points": 60.5}, {"points": "60"}, {"iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}):
         with pytest.raises(ParameterError, match="expected"):
             sa.fastest_lap(RACER, circuit(), **wrong)  # pyright: ignore
+    for name, wrong in (("margin", "a"), ("v_max", None), ("margin", np.ones(2)), ("smoothness", True)):
+        with pytest.raises(ParameterError, match=rf"^{name} is .*; expected [\d.]+ to \d+$"):
+            sa.fastest_lap(RACER, circuit(), **{name: wrong})
+    with pytest.raises(ParameterError, match="allowed is 3; expected a function of arc lengths"):
+        sa.fastest_lap(RACER, circuit(), allowed=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="the lap to be like is 3; expected a Lap of 'circuit'"):
         sa.fastest_lap(RACER, circuit(), like=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="closed"):
