@@ -202,7 +202,7 @@ def lap_page(
     lap time, see `Lap.time_std`. [s]
     """
     factor, unit = read_in("v_x", "m/s")
-    faster, said = "" if delta is None else beaten(delta), open_said(lap, std) + calm_said(lap)
+    faster, said = "" if delta is None else beaten(delta), remarks(lap, std)
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
@@ -241,7 +241,13 @@ def open_said(lap: Lap, std: float) -> str:
     return f" By what the log leaves open of the car, the time is ±{quantile(0.95) * std:.2g} s (95 %){vague}."
 
 
-def calm_said(lap: Lap) -> str:
+def remarks(lap: Lap, std: float = math.nan) -> str:
+    """Sentences on how far the log leaves the time open, how an open track is entered, and what smoothness costs."""
+    entered = "" if lap.track.closed else f" The track is open, and entered at {speed_said(lap.v_start)}."
+    return open_said(lap, std) + entered + _calm_said(lap)
+
+
+def _calm_said(lap: Lap) -> str:
     """A sentence on what smoothness costs, where that is much; else none."""
     if lap.calm <= CALM:
         return ""

@@ -14,7 +14,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENG
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces, rates
 from slipangle.optimal.lap.course import course
-from slipangle.report.lap import calm_said
+from slipangle.report.lap import remarks
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -390,6 +390,15 @@ def test_a_lap_shows_itself():
         lap.plot("speed")
 
 
+def test_a_lap_knows_how_fast_its_track_is_entered():
+    slow, free = (sa.fastest_lap(RACER, straight(), points=60, v_start=v) for v in (3.0, None))
+    assert slow.v_start == pytest.approx(3.0)
+    assert free.v_start == pytest.approx(120.0, rel=1e-3)
+    assert "entered at 11 km/h" in repr(slow)
+    closed = lap_of_the_circuit()
+    assert min(closed.v_x[[0, -1]]) - 0.1 <= closed.v_start <= max(closed.v_x[[0, -1]]) + 0.1
+
+
 @pytest.mark.filterwarnings("ignore:the line of 'slalom' turns to and fro")
 def test_a_slalom_says_that_smoothness_makes_it_slow():
     X = np.linspace(0.0, 100.0, 200)
@@ -397,10 +406,12 @@ def test_a_slalom_says_that_smoothness_makes_it_slow():
     calm, quick = (sa.fastest_lap(replace(RACER, width=1.4), track, smoothness=w) for w in (1.0, 0.03))
     assert calm.calm == pytest.approx((calm.cost - calm.time) / calm.time)
     assert quick.time < 0.97 * calm.time
-    assert "it can be faster with less smoothness" in repr(calm)
-    assert "smoothness = 0.1, the lap is faster" in calm_said(calm)
+    assert re.search(r"entered at \d+ km/h, calm: it can be faster with less smoothness", repr(calm))
+    assert "The track is open, and entered at" in remarks(calm)
+    assert "entered" not in remarks(lap_of_the_circuit()) + repr(lap_of_the_circuit())
+    assert "smoothness = 0.1, the lap is faster" in remarks(calm)
     for lap in (quick, lap_of_the_circuit()):
-        assert "smoothness" not in repr(lap) + calm_said(lap)
+        assert "smoothness" not in repr(lap) + remarks(lap)
 
 
 def test_what_is_allowed_at_a_place_holds_there_and_costs_time():

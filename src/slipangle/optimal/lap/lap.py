@@ -101,7 +101,16 @@ class Lap(Shown):
 
     def _words(self) -> str:
         calm = ", calm: it can be faster with less smoothness" if self.calm > CALM else ""
-        return f"{self.track.name}, {self.time:.3f} s, {3.6 * self.s[-1] / self.time:.0f} km/h on average{calm}"
+        entered = "" if self.track.closed else f", entered at {3.6 * self.v_start:.0f} km/h"
+        mean = 3.6 * self.s[-1] / self.time
+        return f"{self.track.name}, {self.time:.3f} s, {mean:.0f} km/h on average{entered}{calm}"
+
+    @property
+    def v_start(self) -> float:
+        """Speed where the track begins. [m/s]"""
+        if self.track.closed:
+            return float(self.v_x[-1])
+        return float(self.duals["x"][9 * len(self.s) + 2] * scales(self.car)[2])
 
     @property
     def calm(self) -> float:

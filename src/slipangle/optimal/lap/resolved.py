@@ -43,7 +43,7 @@ def require_resolved(track: Path, size: float) -> None:
         raise ParameterError(
             f"the line of '{track.name}' folds back {at % track.length:.0f} m after its start ({what}), as points do "
             "that lie behind the one before; expected one lap in driving order: cut an overlap, give "
-            "Path.from_points smoothing=, or a smaller spacing= for a small track"
+            "Path.from_points or a job's [lap] smoothing, or a smaller spacing= for a small track"
         )
     _warn_of_noise(track, _STRETCH * min(size, 1.0))
 
