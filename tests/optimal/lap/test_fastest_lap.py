@@ -244,6 +244,8 @@ def test_a_width_that_leaps_holds_on_both_sides_of_the_leap(inside):
     near = np.interp(along.s, track.s, wide)
     assert (along.high[near == near.min()] == near.min() - 1.0).all()
     assert (along.high[np.abs(along.s - 250) < 30] == np.minimum(inside - 1.0, along.high.max())).all()
+    between = np.interp(track.s, along.s, along.high, period=track.length)
+    assert (between - (wide - 1.0)).max() <= 0.03 * 2 * wide.mean()
     lap = sa.fastest_lap(RACER, track, points=120)
     s = np.linspace(0.0, track.length, 4000)
     n = np.interp(s, lap.s, lap.n, period=track.length)
