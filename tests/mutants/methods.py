@@ -934,6 +934,24 @@ MUTANTS = [
         [("path: turns off beyond its end", "out[1] += beyond * sin(psi)", "out[1] += beyond * cos(psi)")],
     ),
     *mistakes(
+        "paths/smooth.py",
+        "paths/test_smooth.py::test_the_line_and_its_curvature_are_those_under_the_noise",
+        [("smooth line: no price for freedom", "+ 4.0 * deviation**2 * freedom", "+ 0.0 * deviation**2 * freedom")],
+    ),
+    *mistakes(
+        "optimal/lap/lap.py",
+        "optimal/lap/test_fastest_lap.py::test_bounds_of_an_open_track_are_worth_what_laps_anew_say",
+        [
+            ("lap: the first point's edge is worth nothing", "at_edge.sum() + first[:1].sum()", "at_edge.sum()"),
+            ("lap: the bend's centre is an edge", "curvature < INNERMOST - _AT", "curvature < np.inf"),
+        ],
+    ),
+    *mistakes(
+        "optimal/lap/course.py",
+        "optimal/lap/test_fastest_lap.py::test_a_width_that_leaps_holds_on_both_sides_of_the_leap",
+        [("lap: edges count at the points alone", "least[worst <= enough] = np.inf", "least[:] = np.inf")],
+    ),
+    *mistakes(
         "paths/centreline.py",
         MEASURES,
         [

@@ -8,6 +8,7 @@ import pytest
 from slipangle.errors import (
     FormatError,
     MissingFileError,
+    ModelWarning,
     NotFiniteError,
     ParameterError,
     SlipangleError,
@@ -344,6 +345,38 @@ def test_tracks_of_latitude_and_longitude_know_their_origin(tmp_path, heading):
     file.write_text("lat,lon\n" + "\n".join(f"{500 + 10 * k},{k * k}" for k in range(9)))
     with pytest.raises(FormatError, match=r"headed lat, lon and has .*; expected degrees within 90"):
         Path.from_file(file)
+
+
+def test_a_logger_s_file_is_a_track(tmp_path):
+    """GPS before the names, times that are no numbers, decimal commas between semicolons, sides by one letter."""
+    angle, file = np.linspace(0, 2 * np.pi, 100)[:-1], tmp_path / "log.csv"
+    lat, lon = degrees_of(50 * np.cos(angle), 50 * np.sin(angle), 52, 13)
+    for heading, separator in (
+        ("Time,GPS Latitude,GPS_Longitude,w_l,w_r", ","),
+        ('"Time";"gps_lat";"gps_lon";wl;wr', ";"),
+    ):
+        rows = [[f"10:00:{k:02d}Z", f"{lat[k]:.9f}", f"{lon[k]:.9f}", "4.5", "3.5"] for k in range(99)]
+        text = "\n".join(separator.join(row) for row in rows)
+        file.write_text(heading + "\n" + (text.replace(".", ",") if separator == ";" else text))
+        path = Path.from_file(file)
+        assert path.length == pytest.approx(100 * np.pi, rel=1e-3)
+        assert path.origin == pytest.approx((np.radians(lat[0]), np.radians(lon[0])))
+        assert (path.right[0], path.left[0]) == (3.5, 4.5)
+    file.write_text("time,x,y\n" + "\n".join(f"{k}s,{'nan' if k == 3 else k},{k * k}" for k in range(9)))
+    with pytest.raises(NotFiniteError, match=r"line 5 of 'log.csv' is '3s,nan,9'"):
+        Path.from_file(file)
+
+
+@pytest.mark.parametrize("name", ["z_m", "Elevation [m]", "altitude", "bank_deg", "slope"])
+def test_a_track_with_slopes_says_that_it_is_flat_here(tmp_path, name):
+    file = tmp_path / "hill.csv"
+    rows = [(10.0 * k, 0.1 * k * k, 0.0, 4.0, 4.0) for k in range(9)]
+    file.write_text(f"x,y,{name},right,left\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    flat = Path.from_file(file)  # says nothing: warnings are errors here
+    file.write_text(f"x,y,{name},right,left\n" + "\n".join(f"{x},{y},{x / 20},{r},{e}" for x, y, _, r, e in rows))
+    with pytest.warns(ModelWarning, match=r"has .* from 0 to 4, which is left out: tracks here are flat"):
+        hill = Path.from_file(file)
+    np.testing.assert_array_equal((hill.X, hill.right), (flat.X, flat.right))
 
 
 @pytest.mark.parametrize(("name", "length"), [("Norisring", 2300.0), ("Silverstone", 5891.0), ("Monza", 5793.0)])

@@ -1,6 +1,7 @@
 """``slipangle lap``: a page and a table of the fastest lap of a job's car."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -101,6 +102,25 @@ def test_the_lap_that_plays_is_the_lap():
     assert np.abs(np.diff(shown.psi)).max() < 0.2
 
 
+def test_the_lap_of_a_small_car_plays_between_its_edges():
+    """The car is drawn as large as it is, on edges that bend as the track does, all the way round."""
+    angle = np.linspace(0, 2 * np.pi, 100)[:-1]
+    small = {"mass": 2.6, "inertia_z": 0.035, "wheelbase": 0.26, "l_f": 0.13, "C_f": 45.0, "C_r": 60.0, "width": 0.19}
+    car = sa.LapCar(**small, mu_f=0.9, mu_r=0.9, power=60.0, drag=0.01)
+    how = {"closed": True, "right": 0.5, "left": 0.5, "spacing": 0.02}
+    lap = sa.fastest_lap(car, sa.Path.from_points(3.0 * np.cos(angle), 2.0 * np.sin(angle), **how), points=60)
+    drawn = lap_playback(lap).svg
+    shapes = [
+        np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", d), dtype=float) for d in re.findall(r' d="([^"]*)"', drawn)
+    ]
+    for edge, true in zip(shapes[:2], lap.track.boundaries()[::-1], strict=True):
+        assert np.hypot(*np.diff(edge, axis=0).T).sum() == pytest.approx(
+            np.hypot(*np.diff(true, axis=0).T).sum(), rel=0.01
+        )
+        np.testing.assert_array_equal(edge[0], edge[-1])
+    assert np.ptp(shapes[-1], axis=0) == pytest.approx([0.44, 0.19], abs=0.02)
+
+
 def test_a_job_says_what_lap_it_wants(files, capsys):
     job, track, folder = files
     with open(job, "a") as opened:
@@ -112,6 +132,18 @@ def test_a_job_says_what_lap_it_wants(files, capsys):
     assert json.loads(capsys.readouterr().out)["time"] < said["time"]  # the command's word counts before the job's
     assert main(["lap", job, "--set", "power=2e5", *how]) == 0
     assert json.loads(capsys.readouterr().out)["time"] < said["time"]
+
+
+def test_a_job_smooths_its_track(files, capsys):
+    """A track with noise is warned of, which is an error here, unless the job says how much there is."""
+    job, _, folder = files
+    track, rng = circuit(), np.random.default_rng(0)
+    X, Y = (c[:-1:11] + 0.2 * rng.normal(size=len(c[:-1:11])) for c in (track.X, track.Y))
+    np.savetxt(folder / "track.csv", np.column_stack([X, Y, 5.0 + 0 * X, 5.0 + 0 * X]), delimiter=",")
+    with open(job, "a") as opened:
+        opened.write('\n[lap]\ntrack = "track.csv"\nsmoothing = 0.2\npoints = 60\nset = { power = 1.5e5 }\n')
+    assert main(["lap", job, "--out", str(folder / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["time"] == pytest.approx(26.6, rel=0.2)
 
 
 def test_a_job_without_a_track_is_named(files, capsys):

@@ -52,7 +52,7 @@ def add(commands: Commands) -> None:
 def _lap(options: argparse.Namespace) -> Answer:
     from slipangle.optimal.lap.fastest_lap import fastest_lap
     from slipangle.paths.path import Path as Track
-    from slipangle.report.lap import beaten, lap_page, lost_most, open_said
+    from slipangle.report.lap import beaten, lap_page, lost_most, remarks
     from slipangle.workflow import race
     from slipangle.workflow.lap import identified_car
     from slipangle.workflow.settings import read_settings
@@ -63,7 +63,7 @@ def _lap(options: argparse.Namespace) -> Answer:
     values = _known(wanted.set) | _values(options.set)
     if wanted.track is None:
         raise ConfigError(f"'{options.file}' names no track; expected one: add [lap] with track, or name its file")
-    track = Track.from_file(wanted.track)
+    track = Track.from_file(wanted.track, smoothing=wanted.smoothing)
     check_output(options.out)
     folder = Path(options.out)
     with Bar(quiet=options.json or options.quiet) as bar:
@@ -87,7 +87,7 @@ def _lap(options: argparse.Namespace) -> Answer:
         bar(1.0, "done")
     found = {"time": lap.time, "time_std": std, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
     words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)."
-    words += open_said(lap, std)
+    words += remarks(lap, std)
     if delta is not None:
         sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
         found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ParameterError, nearest, shown
 from slipangle.ops import is_symbolic, is_traced
 from slipangle.shown import Brief
 from slipangle.units import SI
@@ -26,10 +26,17 @@ def require_few_lags(samples: float, what: str) -> None:
 
 
 def require_in_range(what: str, value: Any, meta: SI) -> None:
-    """Raise a `ParameterError` if a number is outside its range; symbols, tracers and arrays are not checked."""
-    many = is_symbolic(value) or is_traced(value) or isinstance(value, np.ndarray)
-    if not many and not meta.lower <= value <= meta.upper:
-        unit = "" if meta.unit == "-" else f" {meta.unit}"
+    """Raise a `ParameterError` if a value is no number or outside its range, but for symbols, tracers and arrays."""
+    if is_symbolic(value) or is_traced(value) or isinstance(value, np.ndarray):
+        return
+    unit = "" if meta.unit == "-" else f" {meta.unit}"
+    try:
+        inside = bool(meta.lower <= value <= meta.upper)
+    except TypeError:
+        raise ParameterError(
+            f"{what} is {shown(value)}; expected a number, {meta.lower:g} to {meta.upper:g}{unit}"
+        ) from None
+    if not inside:
         raise ParameterError(
             f"{what} is {value:g}{unit}; expected {meta.lower:g} to {meta.upper:g}{unit}: check the value and its unit"
         )

@@ -3,16 +3,17 @@
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from scipy import interpolate
 
-from slipangle.data.numerals import decoded, to_number
+from slipangle.data.numerals import decoded, is_number, to_number
 from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
 from slipangle.files import read_bytes
+from slipangle.paths.smooth import smooth_line
 from slipangle.paths.track_columns import chosen, in_metres, said_of_columns
 
 MOST_POINTS = 100_000  # of a track's line
@@ -29,20 +30,7 @@ def sample_spline(
     """
     chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     _refuse_long(chord[-1], spacing)
-    degree: Literal[3, 5] = 5 if len(x) > 5 else 3
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        try:
-            knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
-        except (RuntimeWarning, ValueError, TypeError, OverflowError):
-            raise ParameterError(
-                f"no smooth line with a smoothing of {smoothing:g} m was found through {len(x)} points; expected "
-                "points in driving order and a smoothing as large as their error: correct them or try another smoothing"
-            ) from None
-
-    def derivative(u: np.ndarray, order: int) -> np.ndarray:
-        return np.asarray(interpolate.splev(u, knots, der=order), dtype=float)
-
+    derivative, chord = _curve(x, y, chord, closed=closed, smoothing=smoothing)
     fine = np.linspace(0.0, chord[-1], max(int(chord[-1] / (0.2 * spacing)), 50 * len(x)) + 1)
     middle = 0.5 * (fine[1:] + fine[:-1])
     speed, speed_mid = (np.hypot(*derivative(u, 1)) for u in (fine, middle))
@@ -68,6 +56,26 @@ def sample_spline(
         "curvature": (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3,
     }
     return samples, np.interp(chord, fine, arc)
+
+
+def _curve(
+    x: np.ndarray, y: np.ndarray, chord: np.ndarray, *, closed: bool, smoothing: float
+) -> tuple[Callable[[np.ndarray, int], np.ndarray], np.ndarray]:
+    """Derivatives of some order of a curve, shape (2, n), at values of its parameter; and that of the points."""
+    degree: Literal[3, 5] = 5 if len(x) > 5 else 3
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            if smoothing > 0:
+                line, u = smooth_line(np.column_stack([x, y]), smoothing, closed=closed)
+                return lambda at, order: line(at, nu=order).T, u
+            knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=0.0, per=int(closed), quiet=1)
+        except (RuntimeWarning, RuntimeError, ValueError, TypeError, OverflowError):
+            raise ParameterError(
+                f"no smooth line with a smoothing of {smoothing:g} m was found through {len(x)} points; expected "
+                "points in driving order and a smoothing as large as their error: correct them or try another smoothing"
+            ) from None
+    return lambda at, order: np.asarray(interpolate.splev(at, knots, der=order), dtype=float), chord
 
 
 def _refuse_long(length: float, spacing: float) -> None:
@@ -111,7 +119,8 @@ def limit_rise(
 def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
 
-    Where a line heads the columns, they go by their names, in any order, and others are left out (`chosen`).
+    Where a line heads the columns, they go by their names, in any order, and others are left out (`chosen`), which need
+    not be numbers. Between semicolons commas are decimal ones.
 
     And latitude and longitude of its origin [rad], where its headings say that it has such, see `in_metres`.
 
@@ -122,7 +131,7 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
     raw = read_bytes(source, "the track", "a CSV file: check the path")
     text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
-    swapped, columns = False, []
+    swapped, columns, kept = False, [], []  # kept: places of a row that must be numbers, x and y first
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not rows:
@@ -132,12 +141,14 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
         if not content:
             continue
         try:
-            row = [to_number(c) for c in content.replace(";", ",").replace(",", " ").split()]
+            cells = _cells(content)
+            kept = kept or (chosen(columns) if len(columns) == len(cells) else None) or list(range(len(cells)))
+            row = [to_number(c) if j in kept or is_number(c) else math.nan for j, c in enumerate(cells)]
         except ValueError:
             raise FormatError(
                 f"line {number} of '{source.name}' is {shown(content)}; expected numbers x, y, width right, width left"
             ) from None
-        if not all(map(math.isfinite, row[:2])):
+        if not all(math.isfinite(row[j]) for j in kept[:2] if j < len(row)):
             raise NotFiniteError(f"line {number} of '{source.name}' is {shown(content)}; expected a finite x and y")
         columns = columns if rows or len(columns) == len(row) else []
         if (len(row) not in (2, 4) and not columns) or len(row) != len(rows[0] if rows else row):
@@ -158,6 +169,11 @@ def read_track(file: str | Path) -> tuple[np.ndarray, tuple[float, float] | None
             "from 0 on"
         )
     return (table[:, [0, 1, 3, 2]] if swapped and not columns and table.shape[1] == 4 else table), origin
+
+
+def _cells(line: str) -> list[str]:
+    """What stands between separators; where these are semicolons, commas are decimal ones."""
+    return (line.replace(",", ".").replace(";", " ") if ";" in line else line.replace(",", " ")).split()
 
 
 def _left_first(line: str) -> bool:

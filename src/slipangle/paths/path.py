@@ -112,7 +112,8 @@ class Path(Shown):
         X, Y : array, shape (n,)
             The points, in driving order; ``closed`` joins the last to the first (which need not be repeated). [m]
         smoothing : float
-            Standard deviation of the points about the true line; 0 goes through every point. [m]
+            Standard deviation of the points about the true line, along x and along y; 0 goes through every point. How
+            much is smoothed out is found from the points, see `slipangle.paths.smooth`. [m]
         right, left : array, shape (n,), or float, optional
             Distance to the lane's edges at each point. [m]
         spacing : float

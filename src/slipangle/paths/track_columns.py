@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 
 from slipangle import units
 from slipangle.data.race import equirectangular
-from slipangle.errors import FormatError, ParameterError
+from slipangle.errors import FormatError, ModelWarning, ParameterError
 
 _PLACES = (
     r"((cent(er|re)_?|pos_?)?x|east(ing)?)(?![a-z])|lon|lng",
     r"((cent(er|re)_?|pos_?)?y|north(ing)?)(?![a-z])|lat",
 )
-_WIDTHS = "right", "left", r"^(track_?)?(w\b|w_|width)"
+_WIDTHS = (
+    r"right|(^|_)(w|width|tr)_?r(?![a-z])",
+    r"left|(^|_)(w|width|tr)_?l(?![a-z])",
+    r"^(track_?)?(w\b|w_|width)",
+)
+_NOT_FLAT = r"z(?![a-z])|elev|alt(?![ae])|height|bank|camber|superelev|cross_?slope|slope|grad"
 _UNIT = re.compile(r"[\s_\[(/]+(mm|cm|km|m|ft|deg|rad)[\])]?$")
 
 
 def said_of_columns(line: str) -> list[str]:
     """Names of columns with their units, in lower case, of a line that may head a track; none of one with a number."""
-    names = [name.strip().lower() for name in re.split(r"[,;\t]", line.replace("#", " "))]
+    names = [name.strip().strip('"').lower() for name in re.split(r"[,;\t]", line.replace("#", " "))]
     if len(names) == 1:
         names = names[0].split()
+    names = [re.sub(r"^gps[ _.]?(?=lat|lon|lng)", "", name) for name in names]
     worded = all(re.match(r"(?!(nan|inf)\b)[a-z]", name) for name in names)
     return names if len(names) > 1 and worded else []
 
@@ -49,6 +56,8 @@ def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.nd
     Without headings it is the table as it stands. Of latitude and longitude, in degrees unless headed in rad, x is east
     and y north of the first point. A width without a unit has that of x; numbers without any are in metres.
 
+    Warns with ModelWarning of heights and banking, which a path does not know.
+
     Raises
     ------
     FormatError
@@ -62,6 +71,7 @@ def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.nd
             f"'{source}' is headed {', '.join(columns)}; expected one x and one y among them, such as x_m, y_m, "
             "w_tr_right_m, w_tr_left_m: name the columns"
         )
+    _warn_of_heights(table, columns, source)
     table, columns = table[:, kept], [columns[j] for j in kept]
     said = [found.group(1) if (found := _UNIT.search(name)) else "" for name in columns]
     order = [next((j for j in (0, 1) if columns[j].startswith(words)), None) for words in (("lat",), ("lon", "lng"))]
@@ -80,6 +90,18 @@ def in_metres(table: np.ndarray, columns: list[str], source: str) -> tuple[np.nd
             "expected degrees within 90 and 180: correct the heading, or name the columns x_m, y_m"
         ) from None
     return table, (float(lat[0]), float(lon[0]))
+
+
+def _warn_of_heights(table: np.ndarray, columns: list[str], source: str) -> None:
+    said = [j for j, name in enumerate(columns) if re.match(_NOT_FLAT, name) and np.ptp(table[:, j]) > 0]
+    if said:
+        values = " and ".join(f"{columns[j]} from {table[:, j].min():.3g} to {table[:, j].max():.3g}" for j in said)
+        warnings.warn(
+            f"'{source}' has {values}, which is left out: tracks here are flat, without slopes and banking; where "
+            "these count, the lap is another one",
+            ModelWarning,
+            stacklevel=5,
+        )
 
 
 def _metres(unit: str) -> float:

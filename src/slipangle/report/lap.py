@@ -12,7 +12,7 @@ from slipangle.data.dataset import Channel
 from slipangle.numerics.critical import quantile
 from slipangle.optimal.lap.driven import DrivenLap, LapDelta, Sector
 from slipangle.optimal.lap.envelope import envelope
-from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.lap.lap import CALM, Lap
 from slipangle.paths.path import Path
 from slipangle.report import style
 from slipangle.report.drawing import seen_from_above
@@ -26,7 +26,8 @@ from slipangle.units import read_in, speed_said
 
 BEATEN = 0.002  # part of its time by which a driven lap beats the fastest one, and not by what its places leave open
 VAGUE = 0.01  # standard deviation of a lap time, in parts of it, from which it is no good answer
-_FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of drawn edges
+_FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of edges, of a usual car
+_HALF = 2.2  # m, half of the length of a usual car
 _COLOURS = {
     "v_x": ("speed", 1.0, "m/s"),
     "grip_f": ("grip used by the front axle", 100.0, "%"),
@@ -149,9 +150,12 @@ def beaten(delta: LapDelta) -> str:
 def lap_playback(lap: Lap, driven: DrivenLap | None = None) -> Playback:
     """The lap as it plays, from above; a driven lap beside it starts at the same time."""
     extent = float(max(np.ptp(lap.X), np.ptp(lap.Y)))
-    body = Body(front=max(2.2, 0.008 * extent), rear=max(2.2, 0.008 * extent), width=max(1.8, 0.006 * extent))
-    every = max(1, round(_DRAWN / lap.track.spacing))
-    right, left = (edge[::every] for edge in lap.track.boundaries())
+    size = float(lap.car.size)
+    half = max(_HALF * size, 0.008 * extent)
+    body = Body(front=half, rear=half, width=max(lap.car.width, 0.006 * extent))
+    count = max(round(lap.track.length / (_DRAWN * min(size, 1.0))), 8)
+    rows = np.linspace(0, len(lap.track.s) - 1, min(count, len(lap.track.s) - 1) + 1).round().astype(int)
+    right, left = (edge[rows] for edge in lap.track.boundaries())
     t = np.arange(0.0, lap.time, _FRAME)
     psi = np.unwrap(lap.psi)
     turned = 2 * np.pi * round(float(psi[-1] - psi[0]) / (2 * np.pi))
@@ -198,11 +202,11 @@ def lap_page(
     lap time, see `Lap.time_std`. [s]
     """
     factor, unit = read_in("v_x", "m/s")
-    faster = "" if delta is None else beaten(delta)
+    faster, said = "" if delta is None else beaten(delta), remarks(lap, std)
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
-        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.{open_said(lap, std)}{faster}",
+        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.{said}{faster}",
         tone="poor" if faster else "fair" if std > VAGUE * lap.time else "good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),
@@ -235,6 +239,22 @@ def open_said(lap: Lap, std: float) -> str:
         return " The log leaves what the car can hold open, and with it this time."
     vague = ": drive nearer to the limit for a closer one" if std > VAGUE * lap.time else ""
     return f" By what the log leaves open of the car, the time is ±{quantile(0.95) * std:.2g} s (95 %){vague}."
+
+
+def remarks(lap: Lap, std: float = math.nan) -> str:
+    """Sentences on how far the log leaves the time open, how an open track is entered, and what smoothness costs."""
+    entered = "" if lap.track.closed else f" The track is open, and entered at {speed_said(lap.v_start)}."
+    return open_said(lap, std) + entered + _calm_said(lap)
+
+
+def _calm_said(lap: Lap) -> str:
+    """A sentence on what smoothness costs, where that is much; else none."""
+    if lap.calm <= CALM:
+        return ""
+    return (
+        f" A calm drive, which smoothness asks for, costs {100 * lap.calm:.0f} % beside the time: with less of it, "
+        "such as smoothness = 0.1, the lap is faster."
+    )
 
 
 def worth_table(lap: Lap) -> Table:

@@ -17,6 +17,8 @@ class LapSettings:
     ----------
     track : file
         Columns x, y, width right, width left [m], or a CommonRoad scenario, relative to the job.
+    smoothing : float
+        Standard deviation of the track's points about its true line, as of one measured by GPS. [m]
     model : str
         Which model's car; by default the first that knows what its tires can hold.
     set : table
@@ -44,6 +46,7 @@ class LapSettings:
     """
 
     track: Path | None = None
+    smoothing: Annotated[float, Within(0.0, 10.0, "m")] = 0.0
     model: str = ""
     set: dict[str, float] = field(default_factory=dict)
     line: Literal["free", "given"] = "free"

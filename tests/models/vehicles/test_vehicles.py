@@ -322,3 +322,10 @@ def test_substeps_are_counted(substeps):
     with pytest.raises(ParameterError, match=r"substeps is .*; expected a whole number of at least 1, or 0"):
         single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=substeps)
     assert single_track(SOUSA_TABLE_6_2, dt=0.1, substeps=np.int64(3)).substeps == 3
+
+
+@pytest.mark.parametrize("wrong", ["1500", None, [1500.0]])
+def test_a_parameter_that_is_no_number_is_named(wrong):
+    own = dict(wheelbase=2.7, l_f=1.3, inertia_z=2500, C_f=8e4, C_r=9e4)
+    with pytest.raises(ParameterError, match=r"mass \(vehicle mass\) is .*1500.*|is None; expected a number, "):
+        BicycleParams(mass=wrong, **own)

@@ -14,6 +14,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENG
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces, rates
 from slipangle.optimal.lap.course import course
+from slipangle.report.lap import remarks
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -115,9 +116,9 @@ def test_four_times_the_points_change_little():
 
 def differences_of(name, lap):
     value = getattr(lap.car, name)
-    h = max(1e-3 * abs(value), 1e-3)
+    h = 1e-3 * abs(value) or 1e-3
     costs = [
-        sa.fastest_lap(replace(lap.car, **{name: value + d}), circuit(), like=lap, tolerance=1e-8).cost for d in (h, -h)
+        sa.fastest_lap(replace(lap.car, **{name: value + d}), lap.track, like=lap, tolerance=1e-8).cost for d in (h, -h)
     ]
     return (costs[0] - costs[1]) / (2 * h)
 
@@ -126,6 +127,29 @@ def differences_of(name, lap):
 def test_sensitivities_are_those_of_laps_anew(name):
     lap = lap_of_the_circuit()
     assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=1e-3)
+
+
+def around(radius, turn, straight, width):
+    """An open track: a bend by an angle, between two straights of a length, none if zero."""
+    a = np.linspace(0.0, turn, 60)
+    d = np.linspace(0.0, straight, 40)[1:] if straight else np.zeros(0)
+    X = np.concatenate([d[::-1] * 0 + radius, radius * np.cos(a), radius * np.cos(turn) - d * np.sin(turn)])
+    Y = np.concatenate([-d[::-1], radius * np.sin(a), radius * np.sin(turn) + d * np.cos(turn)])
+    return sa.Path.from_points(X, Y, right=width, left=width, name="around")
+
+
+@pytest.mark.parametrize(
+    ("track", "car", "name"),
+    [
+        (around(60.0, 4.0, 0.0, 4.0), RACER, "width"),  # begins at an edge
+        (around(60.0, 4.0, 0.0, 4.0), replace(RACER, delta_max=0.06), "delta_max"),  # and at the steering's stop
+        (around(6.0, np.pi, 60.0, 8.0), RACER, "width"),  # kept off the bend's centre, by no edge
+    ],
+    ids=["edge", "stop", "centre"],
+)
+def test_bounds_of_an_open_track_are_worth_what_laps_anew_say(track, car, name):
+    lap = sa.fastest_lap(car, track, points=120, tolerance=1e-8)
+    assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=5e-3)
 
 
 @pytest.mark.slow
@@ -210,6 +234,24 @@ def test_a_gate_between_two_points_that_the_car_does_not_fit_through_is_named():
         sa.fastest_lap(RACER, oval(65, right=-4.0), points=60)
 
 
+@pytest.mark.parametrize("inside", [1.5, 9.0])
+def test_a_width_that_leaps_holds_on_both_sides_of_the_leap(inside):
+    """From 4 m to less or to more at once: 4 m stay 4 m, and no line cuts the corner that the wider edge has."""
+    kidney = circuit()
+    wide = np.where((kidney.s > 200) & (kidney.s < 300), inside, 4.0)
+    track = replace(kidney, right=wide, left=wide)
+    along = course(track, np.linspace(0.0, track.length, 61), room=1.0, tolerance=None)
+    near = np.interp(along.s, track.s, wide)
+    assert (along.high[near == near.min()] == near.min() - 1.0).all()
+    assert (along.high[np.abs(along.s - 250) < 30] == np.minimum(inside - 1.0, along.high.max())).all()
+    between = np.interp(track.s, along.s, along.high, period=track.length)
+    assert (between - (wide - 1.0)).max() <= 0.03 * 2 * wide.mean()
+    lap = sa.fastest_lap(RACER, track, points=120)
+    s = np.linspace(0.0, track.length, 4000)
+    n = np.interp(s, lap.s, lap.n, period=track.length)
+    assert (np.abs(n) + 0.5 * RACER.width - track.at(s).left).max() < 0.03 * 8.0
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_edges_that_change_slowly_are_those_at_the_points(closed):
     s = np.arange(0.0, 400.0, 5.0)
@@ -260,6 +302,11 @@ def test_settings_out_of_range_are_named():
     for wrong in ({"points": 60.5}, {"points": "60"}, {"iterations": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}):
         with pytest.raises(ParameterError, match="expected"):
             sa.fastest_lap(RACER, circuit(), **wrong)  # pyright: ignore
+    for name, wrong in (("margin", "a"), ("v_max", None), ("margin", np.ones(2)), ("smoothness", True)):
+        with pytest.raises(ParameterError, match=rf"^{name} is .*; expected [\d.]+ to \d+$"):
+            sa.fastest_lap(RACER, circuit(), **{name: wrong})
+    with pytest.raises(ParameterError, match="allowed is 3; expected a function of arc lengths"):
+        sa.fastest_lap(RACER, circuit(), allowed=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="the lap to be like is 3; expected a Lap of 'circuit'"):
         sa.fastest_lap(RACER, circuit(), like=3)  # pyright: ignore
     with pytest.raises(ParameterError, match="closed"):
@@ -343,6 +390,30 @@ def test_a_lap_shows_itself():
     assert len(lap.plot("v_x", "delta").data) == 2
     with pytest.raises(ParameterError, match="no channel of a lap 'speed'"):
         lap.plot("speed")
+
+
+def test_a_lap_knows_how_fast_its_track_is_entered():
+    slow, free = (sa.fastest_lap(RACER, straight(), points=60, v_start=v) for v in (3.0, None))
+    assert slow.v_start == pytest.approx(3.0)
+    assert free.v_start == pytest.approx(120.0, rel=1e-3)
+    assert "entered at 11 km/h" in repr(slow)
+    closed = lap_of_the_circuit()
+    assert min(closed.v_x[[0, -1]]) - 0.1 <= closed.v_start <= max(closed.v_x[[0, -1]]) + 0.1
+
+
+@pytest.mark.filterwarnings("ignore:the line of 'slalom' turns to and fro")
+def test_a_slalom_says_that_smoothness_makes_it_slow():
+    X = np.linspace(0.0, 100.0, 200)
+    track = sa.Path.from_points(X, 1.5 * np.sin(2 * np.pi * X / 26), right=1.5, left=1.5, name="slalom")
+    calm, quick = (sa.fastest_lap(replace(RACER, width=1.4), track, smoothness=w) for w in (1.0, 0.03))
+    assert calm.calm == pytest.approx((calm.cost - calm.time) / calm.time)
+    assert quick.time < 0.97 * calm.time
+    assert re.search(r"entered at \d+ km/h, calm: it can be faster with less smoothness", repr(calm))
+    assert "The track is open, and entered at" in remarks(calm)
+    assert "entered" not in remarks(lap_of_the_circuit()) + repr(lap_of_the_circuit())
+    assert "smoothness = 0.1, the lap is faster" in remarks(calm)
+    for lap in (quick, lap_of_the_circuit()):
+        assert "smoothness" not in repr(lap) + remarks(lap)
 
 
 def test_what_is_allowed_at_a_place_holds_there_and_costs_time():

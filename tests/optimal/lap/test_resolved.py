@@ -65,6 +65,32 @@ def test_points_past_the_start_are_named(beyond, aside):
     assert "overlap" in str(said.value)
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("aside", [0.0, 2.0])
+def test_a_recording_of_several_laps_is_named(seed, aside):
+    """As a logger begins and ends it anywhere, lap after lap up to ``aside`` beside the line, with noise of GPS."""
+    track, rng = circuit(), np.random.default_rng(seed)
+    s = np.arange(37.0, 37.0 + 2.7 * track.length, 1.5)
+    at, n = track.at(s), np.interp(s, 37.0 + 100.0 * np.arange(17), aside * rng.uniform(-1, 1, 17))
+    X, Y = at.X - n * np.sin(at.psi), at.Y + n * np.cos(at.psi)
+    X, Y = (c + 0.5 * rng.normal(size=len(s)) for c in (X, Y))
+    half = {"smoothing": 0.5, "right": 5.0, "left": 5.0}
+    with pytest.warns(ModelWarning, match=r"goes along itself again from 5[4-8]\d m on, over \d+% of its length"):
+        require_resolved(sa.Path.from_points(X, Y, **half), 1.0)
+    with pytest.raises(ParameterError, match=r"comes past its start again|goes along itself again"):
+        require_resolved(sa.Path.from_points(X, Y, closed=True, **half), 1.0)
+
+
+def test_a_line_that_crosses_or_nears_itself_is_no_recording():
+    a, right = np.linspace(0, 2 * np.pi, 400)[:-1], {"right": 3.0, "left": 3.0}
+    require_resolved(sa.Path.from_points(32 * np.sin(a), 20 * np.sin(2 * a), closed=True, **right), 1.0)
+    spiral = np.linspace(2 * np.pi, 8 * np.pi, 800)  # 6.3 m from turn to turn
+    require_resolved(sa.Path.from_points(spiral * np.cos(spiral), spiral * np.sin(spiral), **right), 1.0)
+    x = np.concatenate([np.linspace(0, 100, 50), 100 + 4 * np.sin(a[:200:8][1:]), np.linspace(100, 0, 50)])
+    y = np.concatenate([np.zeros(50), 4 - 4 * np.cos(a[:200:8][1:]), np.full(50, 8.0)])
+    require_resolved(sa.Path.from_points(x, y, **right), 1.0)
+
+
 def test_bends_between_the_samples_are_named():
     x = np.array([0.0, 50.0, 100.0, 100.5, 100.5, 50.0, 0.0])
     spike = sa.Path.from_points(x, np.array([0.0, 0.0, 0.0, 0.3, 0.6, 0.9, 1.2]), smoothing=0.0, right=3.0, left=3.0)

@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.paths.path import Path
 
-_INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
+INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
 _UNSEEN = 0.03  # of the track's mean width, up to which an edge may come in between two points
 
 
@@ -81,8 +81,8 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
     ahead, back = track.at(s + 0.5 * window).psi, track.at(s - 0.5 * window).psi
     curvature = _turned(ahead - back) / window
     bend = np.maximum(np.abs(curvature), 1e-9)
-    high = np.where(curvature > 0, np.minimum(high, _INNERMOST / bend), high)
-    low = np.where(curvature < 0, np.maximum(low, -_INNERMOST / bend), low)
+    high = np.where(curvature > 0, np.minimum(high, INNERMOST / bend), high)
+    low = np.where(curvature < 0, np.maximum(low, -INNERMOST / bend), low)
     narrow = int(np.argmin(high - low))
     if not high[narrow] - low[narrow] > 0:
         raise ParameterError(
@@ -95,17 +95,19 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
 
 
 def _kept_between(track: Path, s: np.ndarray, room: np.ndarray, edge: np.ndarray, enough: float) -> np.ndarray:
-    """Room to a side at the points, less what the edge at the track's samples comes in between two of them, as a gate.
+    """Room to a side at the points; where the edge at the track's samples comes in between two, the least there.
 
-    What is no more than ``enough`` counts as nothing.
+    So it does in a gate and where a width leaps. What is no more than ``enough`` counts as nothing.
     """
     missed = np.interp(track.s, s, room, period=track.length if track.closed else None) - edge
-    worst = np.zeros(len(s) + 1)  # before each point, and after the last one
-    np.maximum.at(worst, np.searchsorted(s, track.s), missed)
+    worst, least = np.zeros(len(s) + 1), np.full(len(s) + 1, np.inf)  # before each point, and after the last one
+    between = np.searchsorted(s, track.s)
+    np.maximum.at(worst, between, missed)
+    np.minimum.at(least, between, edge)
     if track.closed:
-        worst[[0, -1]] = worst[[0, -1]].max()
-    worst[worst <= enough] = 0.0
-    return room - np.maximum(worst[:-1], worst[1:])
+        worst[[0, -1]], least[[0, -1]] = worst[[0, -1]].max(), least[[0, -1]].min()
+    least[worst <= enough] = np.inf
+    return np.minimum(room, np.minimum(least[:-1], least[1:]))
 
 
 def _turned(angle: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slipangle.errors import ParameterError, SolverError, require_known, shown
+from slipangle.optimal.checks import is_number
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.course import Course, course, spread
@@ -213,8 +214,8 @@ def _check(
         ("v_max", v_max, 1.0, 200.0),
         ("v_start", v_max if v_start is None else v_start, 0.5, v_max),
     ):
-        if not low <= value <= high:
-            raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+        if not (is_number(value) and low <= value <= high):
+            raise ParameterError(f"{name} is {shown(value)}; expected {low:g} to {high:g}")
     if like is not None:
         require_lap_of(track, like, "the lap to be like")
     if v_start is not None and track.closed:
@@ -231,12 +232,13 @@ def _usual_points(track: Path, spacing: float) -> int:
 
 
 def _require_length(track: Path, car: LapCar) -> None:
-    """Raise ParameterError if the track is too short for its car, as one in kilometres is."""
+    """Raise ParameterError if the track is too short for its car, as one in kilometres or degrees is."""
     least = _SHORTEST[0 if track.closed else 1] * car.wheelbase
     if track.length < least:
         raise ParameterError(
             f"'{track.name}' is {track.length:.3g} m long; expected {least:.2g} m at least for a car of "
-            f"{car.wheelbase:.3g} m between its axles: give the track in metres, not in kilometres"
+            f"{car.wheelbase:.3g} m between its axles: give the track in metres, not in kilometres, and "
+            "head latitude and longitude lat, lon"
         )
 
 
@@ -298,6 +300,8 @@ def _bounds(
     lower = -upper
     lower[:, 0], upper[:, 0], lower[:, 2] = along.low, along.high, lowest
     if allowed is not None:
+        if not callable(allowed):
+            raise ParameterError(f"allowed is {shown(allowed)}; expected a function of arc lengths, or none")
         given = allowed(along.s)
         if not (isinstance(given, tuple | list) and len(given) == 2):
             raise ParameterError(f"allowed gives {shown(given)}; expected the largest forces and the largest speeds")

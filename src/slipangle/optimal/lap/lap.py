@@ -16,7 +16,7 @@ from slipangle.models.analysis.linearize import directions
 from slipangle.models.model import Model
 from slipangle.optimal.checks import is_number
 from slipangle.optimal.lap.car import LapCar, rates, slip
-from slipangle.optimal.lap.course import Course
+from slipangle.optimal.lap.course import INNERMOST, Course
 from slipangle.optimal.lap.program import N_STATES, scales, worth
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import SPACING, Path
@@ -24,6 +24,8 @@ from slipangle.shown import Shown
 
 _BEYOND = 16  # intervals of a closed lap past its ends, by which the line goes on over the start as anywhere
 _FINE = 4  # points of the line in one of the path's
+CALM = 0.03  # what smoothness costs over the lap time, from which on it is said
+_AT = 1e-3  # of a bend's radius, from what bounds the offset in it
 _YIELDS = 0.01  # of an interval's length cubed: what bends the line as much as the places are off
 
 
@@ -98,7 +100,22 @@ class Lap(Shown):
     track: Path
 
     def _words(self) -> str:
-        return f"{self.track.name}, {self.time:.3f} s, {3.6 * self.s[-1] / self.time:.0f} km/h on average"
+        calm = ", calm: it can be faster with less smoothness" if self.calm > CALM else ""
+        entered = "" if self.track.closed else f", entered at {3.6 * self.v_start:.0f} km/h"
+        mean = 3.6 * self.s[-1] / self.time
+        return f"{self.track.name}, {self.time:.3f} s, {mean:.0f} km/h on average{entered}{calm}"
+
+    @property
+    def v_start(self) -> float:
+        """Speed where the track begins. [m/s]"""
+        if self.track.closed:
+            return float(self.v_x[-1])
+        return float(self.duals["x"][9 * len(self.s) + 2] * scales(self.car)[2])
+
+    @property
+    def calm(self) -> float:
+        """What smoothness costs beside the lap time, over it: some percent make a lap as much slower. [-]"""
+        return self.cost / self.time - 1.0
 
     @cached_property
     def path(self) -> Path:
@@ -120,7 +137,7 @@ class Lap(Shown):
         """Change of `cost` per unit of each parameter of the car, from the multipliers. [s per unit]
 
         Negative where more is faster. Smoothness counts at constant weight, so they are those of the lap time but for
-        its small share; a given line is kept to as closely as before.
+        its share, see `calm`; a given line is kept to as closely as before.
         """
         return _sensitivities(self)
 
@@ -239,9 +256,13 @@ def _sensitivities(lap: Lap) -> dict[str, float]:
     car, duals, count = lap.car, lap.duals, len(lap.s)
     slope = worth(count // 2, lap.track.closed)(duals["x"], duals["p"], duals["lam_g"])
     found = dict(zip(LapCar.felt(), np.asarray(slope).ravel(), strict=True))
-    bound = np.abs(duals["lam_x"][: 9 * count].reshape(count, 9) / scales(car))
-    found["width"] += 0.5 * bound[:, 0].sum() if lap.free else 0.0
-    found["delta_max"] -= bound[:, 5].sum()
+    size, dual = scales(car), np.abs(duals["lam_x"])
+    bound = dual[: 9 * count].reshape(count, 9) / size
+    first = dual[9 * count :] / size[: len(dual) - 9 * count]  # of an open track, else none
+    curvature = duals["p"][-(count + count // 2) : -(count // 2)]
+    at_edge = bound[lap.n * curvature < INNERMOST - _AT, 0]  # elsewhere the bend's radius bounds the offset
+    found["width"] += 0.5 * (at_edge.sum() + first[:1].sum()) if lap.free else 0.0
+    found["delta_max"] -= bound[:, 5].sum() + first[5:6].sum()
     found["delta_rate"] -= bound[:, 7].sum()
     found["force_rate"] -= bound[:, 8].sum() * car.weight
     found["mass"] -= bound[:, 8].sum() * car.force_rate * car.weight / car.mass
