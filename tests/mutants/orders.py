@@ -38,6 +38,11 @@ MUTANTS = [
         [("orders: no delay beyond the first search", "k - _ABOUT if k > LEVELS[-1] else 0", "0")],
     ),
     *mistakes(
+        "identify/linear/waiting.py",
+        "identify/linear/test_delays.py",
+        [("state space: an input waits one sample less", "at + samples - 1  #", "at + samples - 2  #")],
+    ),
+    *mistakes(
         "identify/linear/delays.py",
         "identify/linear/test_delays.py",
         [

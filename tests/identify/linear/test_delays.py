@@ -11,6 +11,8 @@ from slipangle.errors import TooShortError
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.delays import delayed, first_effects
 from slipangle.identify.linear.multi_arx import MultiARX
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.waiting import waiting
 
 B, A = (1.0, 0.4), (1.0, -1.5, 0.7)
 
@@ -114,6 +116,73 @@ def test_the_steering_of_a_model_at_several_speeds_may_be_late():
     assert 15 <= model.models[0].nk <= 20
     run = model.simulate(data)
     assert np.std(run.y[:, 0][run.predicted] - y[run.predicted]) < 0.1 * np.std(y)
+
+
+# ---- state spaces ----------------------------------------------------------------------------------------------------
+
+FEW = (1, 2, 3, 4, 5)
+
+
+@pytest.mark.parametrize("like", ["white", "coloured", "smooth", "experiments", "short"])
+def test_a_state_space_is_as_good_with_any_delay(like):
+    near, at_once, late = (
+        fit_of(StateSpace(order=FEW).fit(made((k,), **CASES[like])[0]), delays=(k,)) for k in (1, 0, 25)
+    )
+    assert near > 93
+    assert min(at_once, late) > near - 3
+
+
+def test_a_state_space_with_a_direct_path_and_a_delay_says_so():
+    data, _ = made((0, 30))
+    settings = StateSpace(order=FEW)
+    model, choice = settings.fit(data), settings.choose_order(data)
+    assert model.fit_info.method.startswith(f"direct path; u1 {choice.waits[1]} samples late; order = {choice.order}, ")
+    assert choice.direct
+    assert choice.waits[0] == 0
+    assert 25 < choice.waits[1] < 30
+    assert model.order == choice.order + choice.waits[1]
+    assert fit_of(model, delays=(0, 30)) > 95
+
+
+@pytest.mark.parametrize("like", CASES.values(), ids=CASES)
+def test_a_state_space_makes_no_path_and_no_delay_of_noise(like):
+    offsets = "output" if "level" in like else "none"
+    choice = StateSpace(order=FEW, offsets=offsets).choose_order(made((1, 2), **like)[0])
+    assert not choice.direct
+    assert choice.waits == (0, 0)
+
+
+def test_whether_a_direct_path_is_open_goes_with_the_order():
+    assert StateSpace() == StateSpace(direct="chosen")
+    assert StateSpace(order=2) == StateSpace(order=2, direct=False)
+    data, _ = made((25,))
+    assert StateSpace(order=2).fit(data).order == 2
+    assert StateSpace(order=2, direct="chosen").fit(data).order > 20
+    assert StateSpace(order=(1, 2), direct=False).choose_order(data).waits == (0,)
+
+
+def test_inputs_that_wait_in_states_are_those_of_before():
+    """The same free run as over shifted inputs, the same estimates, poles and gains, and they survive a file."""
+    data, _ = made((20, 3), n=600, parts=2)
+    by = {"u0": 17, "u1": 2}
+    core = StateSpace(order=3, direct=True, offsets="both", focus="prediction").fit(delayed(data, by))
+    model = waiting(core, by, data)
+    assert model.order == 3 + 19
+    whole, part = model._simulate(data), core._simulate(delayed(data, by))
+    assert whole.y[200:300] == pytest.approx(part.y[183:283], abs=0.02)
+    steps = model.initial_state(data.rows(0, 60)), core.initial_state(delayed(data.rows(0, 60), by))
+    u, shifted = data.rows(59, 200).u, delayed(data.rows(42, 200), by).u
+    assert model.free_run(steps[0], u)[80:] == pytest.approx(core.free_run(steps[1], shifted)[80:], abs=0.02)
+    values = core.fit_info.values * 1.01
+    again, other = model.with_estimates(values), core.with_estimates(values)
+    assert again.C @ np.linalg.solve(np.eye(22) - again.A, again.B) + again.D == pytest.approx(
+        other.C @ np.linalg.solve(np.eye(3) - other.A, other.B) + other.D
+    )
+    ours, theirs = model.modes(), core.modes()
+    assert ours.names == theirs.names
+    assert ours.values == pytest.approx(theirs.values)
+    assert ours.std == pytest.approx(theirs.std, rel=1e-6)
+    assert waiting(core, {"u0": 0, "u1": 0}, data) is core
 
 
 def test_what_is_shifted_is_the_input_of_before():
