@@ -6,7 +6,7 @@ ORDERS = "identify/linear/test_orders.py"
 
 MUTANTS = [
     *mistakes(
-        "identify/linear/orders.py",
+        "identify/linear/order_trials.py",
         ORDERS,
         [
             (
@@ -24,8 +24,30 @@ MUTANTS = [
                 "c.n_parameters if a else 0",
                 "-c.n_parameters if a else 0",
             ),
-            ("orders: delays are not tried", "for k in range(1, most + 1)", "for k in range(1, 2)"),
             ("orders: v_x is an input at one speed", 'n != "v_x" or not speeds', 'n != "v_x" or len(speeds) < 2'),
+        ],
+    ),
+    *mistakes(
+        "identify/linear/orders.py",
+        ORDERS,
+        [("orders: delays are not tried", "for k in range(least[of[0]], most + 1)", "for k in range(1, 2)")],
+    ),
+    *mistakes(
+        "identify/linear/orders.py",
+        "identify/linear/test_delays.py",
+        [("orders: no delay beyond the first search", "k - _ABOUT if k > LEVELS[-1] else 0", "0")],
+    ),
+    *mistakes(
+        "identify/linear/waiting.py",
+        "identify/linear/test_delays.py",
+        [("state space: an input waits one sample less", "at + samples - 1  #", "at + samples - 2  #")],
+    ),
+    *mistakes(
+        "identify/linear/delays.py",
+        "identify/linear/test_delays.py",
+        [
+            ("delays: the loop is not looked for", "loop = first == 0 and", "loop = False and"),
+            ("delays: counted from the oldest lag", "np.cumsum(rise[::-1] / left", "np.cumsum(rise / left"),
         ],
     ),
     *mistakes(

@@ -11,7 +11,8 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.multi_arx import MultiARX, chosen_speeds
-from slipangle.identify.linear.orders import Orders, _blocks, _Trials, choose
+from slipangle.identify.linear.order_trials import Trials, stretches
+from slipangle.identify.linear.orders import Orders, choose
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.storage import load, save
 from slipangle.models.wrappers.multi_arx import MultiARXModel
@@ -95,9 +96,9 @@ def test_the_judged_free_run_is_the_models_own():
     """Held-out errors are those of models fitted without the stretch, run by their own code."""
     data = made(n=400, parts=4, measured=0.2)
     choice = choose(data, na=2, nb=2, nk=1, offset=True)
-    trials = _Trials(data, Orders(2, (2,), (1,)), True, (0.0,))
+    trials = Trials(data, Orders(2, (2,), (1,)), True, (0.0,))
     squares, count = 0.0, 0
-    spans = _blocks(data, 2)
+    spans = stretches(data, 2)
     groups = [[i for i in range(len(spans)) if i % trials.folds == f] for f in range(trials.folds)]
     measured = []
     for group in groups:
@@ -132,7 +133,7 @@ def test_candidates_run_alike_in_c_and_side_by_side(speeds, monkeypatch):
     if not speeds:
         several = [replace(o, nb=(*o.nb, 1), nk=(*o.nk, 1)) for o in several]
     data = join(data.rows(0, 331), data.rows(331, 700))
-    trials = _Trials(data, replace(several[1], nb=several[2].nb, nk=several[2].nk), True, speeds)
+    trials = Trials(data, replace(several[1], nb=several[2].nb, nk=several[2].nk), True, speeds)
     picks = [trials._pick(orders) for orders in several]
     theta = trials._solved(picks)[0][:, :-1]
     theta = theta.reshape(3, trials.folds, len(trials.speeds), trials.n_columns, 2)
@@ -150,7 +151,7 @@ def test_candidates_are_fitted_alike_in_c_and_side_by_side(speeds, monkeypatch):
     """Two outputs, candidates of several sizes, so that columns which are not theirs stay zero."""
     data, inputs = drive_at_speeds(700), 1 if speeds else 2
     several = [Orders(a, (b,) * inputs, (k,) * inputs) for a, b, k in ((2, 2, 1), (4, 1, 2), (1, 1, 3))]
-    trials = _Trials(data, Orders(4, (3,) * inputs, (3,) * inputs), True, speeds)
+    trials = Trials(data, Orders(4, (3,) * inputs, (3,) * inputs), True, speeds)
     picks = [trials._pick(orders) for orders in several]
     fits, *_ = trials._fits
     in_c = fits.of(picks)
@@ -166,7 +167,7 @@ def test_candidates_are_fitted_alike_in_c_and_side_by_side(speeds, monkeypatch):
 def test_models_that_last_are_those_whose_poles_are_inside(lags):
     """Reflection coefficients beside the roots of the polynomials, of which some are outside."""
     data = made(n=400)
-    trials = _Trials(data, Orders(4, (1,), (1,)), False, ())
+    trials = Trials(data, Orders(4, (1,), (1,)), False, ())
     rng = np.random.default_rng(lags)
     theta = np.zeros((200, 1, trials.n_columns, 1))
     theta[:, 0, :lags, 0] = rng.uniform(-1.3, 1.3, (200, lags))
@@ -200,7 +201,7 @@ def test_normal_equations_of_speeds_are_those_of_the_blended_regression(offset):
 def test_criteria_are_those_of_the_literature():
     data = made(n=500)
     (candidate,) = choose(data, na=2, nb=2, nk=3, offset=False).candidates
-    parts = [data.rows(a, b) for a, b in _blocks(data, 4)]
+    parts = [data.rows(a, b) for a, b in stretches(data, 4)]
     model = ARX(na=2, nb=2, nk=3).fit(join(*parts))
     info = model.fit_info
     n, d = info.n_samples, 4

@@ -15,6 +15,7 @@ from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.orders import choose
 from slipangle.identify.networks import adam, narx, windows
+from slipangle.identify.networks.estimator import Settled
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX, _Polish
 from slipangle.identify.networks.problem import Stage
@@ -210,7 +211,7 @@ def test_open_orders_are_the_same_for_every_input_and_given_ones_stay():
     assert settled.na == 2
     assert {settled.nb, settled.nk} <= set(range(1, 11))
     assert len(chosen.candidates) > 10
-    assert NARX(na=2, nb=2).settled(data) == (NARX(na=2, nb=2), ("", ()))
+    assert NARX(na=2, nb=2).settled(data) == (NARX(na=2, nb=2), Settled())
     inner = data.split(0.85)[0]
     spoilt = data.with_channel("r", np.where(np.arange(400) < inner.n_samples, data["r"], 1e3))
     assert NARX(na=2).settled(spoilt)[0] == settled

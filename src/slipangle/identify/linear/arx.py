@@ -39,8 +39,10 @@ class ARX(LinearEstimator[ARXModel]):
         Coefficients of every input, or of each, at least 1.
     nk : int, tuple of int or "chosen"
         Samples from every input, or from each, to the outputs; 0 where they depend on the input at the same sample.
-        Orders that are not given are chosen by free run over stretches held out in turn, up to 10 lags and 10 samples
-        of delay; the model's ``fit_info.candidates`` are all that were compared.
+        Orders that are not given are chosen by free run over stretches held out in turn: up to 10 lags, delays of up to
+        about 100 samples, 0 only where the data tell of it and the inputs do not answer the outputs, see
+        `slipangle.identify.linear.delays.first_effects`; the model's ``fit_info.candidates`` are all that were
+        compared.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
@@ -70,7 +72,7 @@ class ARX(LinearEstimator[ARXModel]):
         require_identifiable(data, len(data.outputs) + len(data.inputs) + self.offset)
         require_independent(data)  # else the choice would share one effect among lags of several inputs
         given: Any = {n: per_input(v, n, data) if isinstance(v, int | tuple) else v for n, v in self._per_input}
-        choice = choose(data, na=self.na, offset=self.offset, **given)
+        choice = choose(data, na=self.na, offset=self.offset, direct=True, **given)
         refused: ExcitationError | None = None
         for orders, _ in choice.ranked[:_TRIED]:
             try:

@@ -110,7 +110,7 @@ class Stretches:
         Coefficients have shape (n_candidates, n_groups, n_speeds, n_columns, n_outputs); ``used`` are the columns of
         each candidate that are not zero, of the past its first lags.
         """
-        return self._side_by_side(theta) if self._loaded is None else self._in_turn(self._loaded, theta, used)
+        return self.each(theta).sum(axis=2) if self._loaded is None else self._in_turn(self._loaded, theta, used)
 
     @cached_property
     def _loaded(self) -> ctypes.CDLL | None:
@@ -142,7 +142,8 @@ class Stretches:
         active = np.ascontiguousarray(made[2].any(axis=-1), np.dtype("l"))
         return [made[0].astype(np.dtype("l")), *made[1:], active]
 
-    def _side_by_side(self, theta: np.ndarray) -> np.ndarray:
+    def each(self, theta: np.ndarray) -> np.ndarray:
+        """The same for every stretch, shape (n_candidates, n_outputs, n_stretches), in NumPy."""
         (C, _, J, _, ny), (S, T, _) = theta.shape, self.weights.shape
         na, own, m = self.lags, theta[:, self.group], self._before
         back = own[:, :, :, : na * ny].reshape(C, S, J, na, ny, ny)[:, :, :, ::-1]  # oldest lag first
@@ -163,4 +164,4 @@ class Stretches:
             off = y[na:]
             off -= self.wanted.transpose(1, 2, 0)[:, :, None]
             off *= self.known.T[:, None, None]
-            return np.einsum("tics,tics->ci", off, off)
+            return np.einsum("tics,tics->cis", off, off)

@@ -36,7 +36,7 @@ class MultiARX(Checked):
 
     The coefficients of all speeds are found together, by least squares on the one-step-ahead error of the blended
     model, so experiments may run through any speeds. Orders that are not given are chosen as `ARX` does, for all
-    speeds at once.
+    speeds at once, with no direct path.
 
     Raises ParameterError if the speeds do not rise.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from slipangle.identify.linear.lags import PerInput
@@ -28,6 +28,10 @@ class Orders:
         """Per output."""
         return self.na * n_outputs + sum(self.nb) + offset
 
+    def later(self, by: Sequence[int]) -> Orders:
+        """The same with delays that are longer by so many samples."""
+        return replace(self, nk=tuple(k + more for k, more in zip(self.nk, by, strict=True)))
+
     @property
     def said(self) -> str:
         """In words."""
@@ -35,8 +39,11 @@ class Orders:
         return "na = {}, nb = {}, nk = {}".format(self.na, *each)
 
 
-def near(best: Orders, groups: Sequence[range], open_: tuple[bool, bool, bool]) -> list[Orders]:
-    """Orders that differ little from some, in one number, or in the lags of an input that begin later."""
+def near(best: Orders, groups: Sequence[range], open_: tuple[bool, bool, bool], least: tuple[int, ...]) -> list[Orders]:
+    """Orders that differ little from some, in one number, or in the lags of an input that begin later.
+
+    Delays that are open are the ``least`` of each input or more.
+    """
     moves = [(-2, 0, 0), (-1, 0, 0), (1, 0, 0), (2, 0, 0)]
     moves += [(0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1), (0, -1, 1), (0, 1, -1)]
     near = []
@@ -44,7 +51,8 @@ def near(best: Orders, groups: Sequence[range], open_: tuple[bool, bool, bool]) 
         for a, b, k in (m for m in moves if all(free or not d for free, d in zip(open_, m, strict=True))):
             nb, nk = with_input(best.nb, of, best.nb[of[0]] + b), with_input(best.nk, of, best.nk[of[0]] + k)
             near.append(Orders(best.na + a, nb, nk))
-    return [o for o in near if min(o.na, *o.nb) >= 1 and (not open_[2] or min(o.nk) >= 1)]
+    held = [not open_[2] or all(k >= low for k, low in zip(o.nk, least, strict=True)) for o in near]
+    return [o for o, holds in zip(near, held, strict=True) if holds and min(o.na, *o.nb) >= 1]
 
 
 def each_input(value: PerInput | Chosen, n: int) -> tuple[int, ...]:

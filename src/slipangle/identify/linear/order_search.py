@@ -10,6 +10,8 @@ import numpy as np
 
 from slipangle.identify.linear.predictor import Work
 from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.model import Candidate
+from slipangle.shown import Shown
 
 ROUGH = 1e-3  # share of the squared error by which a refinement's last step lowers it: as many again make 1 %
 FINISHED = 0.0  # the same of a refinement to the end
@@ -21,8 +23,38 @@ _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders
 _FITS = 4.5  # of the chosen order, that all refinements may cost together; steps that overrun make it 5
 _CHANCE = 2  # standard errors that a start must be better by to be refined: the best of several may be by one
 _AGAIN = 2  # linearisations at the ends of a refinement, which one fit in one go would not make twice
+_LESS, _FAR_LESS = 0.98, 0.9  # of an error, below which a delay or a direct path is worth it
 _BLOCKS = 10  # stretches of what is held out, by which errors of two orders are compared
 _FEW = 3  # linearisations: a refinement that may not cost as many is not begun
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderChoice(Shown):
+    """How an order was chosen."""
+
+    orders: tuple[int, ...]  # candidates
+    # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed;
+    # of the subspace start where the order was out of question without refinement: for several experiments A, C and K
+    # of that are fitted to all of them
+    errors: np.ndarray
+    singular_values: np.ndarray  # (n,), of the subspace projection of all data
+    # the smallest order within 1 % of the least error, or below which nothing but rounding is left; of several
+    # experiments errors may count for more, in proportion to the parameters, where the choice does not hang by it
+    order: int
+    holdout: str  # what the errors were measured on
+    failures: tuple[str, ...] = ()  # why an order could not be judged
+    refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
+    candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
+    direct: bool = False  # whether outputs depend on inputs of the same sample
+    waits: tuple[int, ...] = ()  # samples of each input's delay that are no part of the order
+
+    def _words(self) -> str:
+        return self.said
+
+    @property
+    def said(self) -> str:
+        """What was done, for the method's line."""
+        return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}"
 
 
 class Judged(NamedTuple):
@@ -52,6 +84,12 @@ class Judged(NamedTuple):
     def error(self) -> float:
         """In standard deviations of the outputs."""
         return float(np.sqrt(np.mean(self.squares)))
+
+    def beats(self, other: Judged) -> bool:
+        """Whether its error is less than the other's by 2 %, and by more than that in which they are alike."""
+        if len(self.blocks) != len(other.blocks):
+            return self.error < _FAR_LESS * other.error
+        return self.error < _LESS * other.error and other.error > other.alike(self) * self.error
 
     def alike(self, other: Judged) -> float:
         """Up to which error over the other's they are not told apart: one standard error of the difference."""

@@ -12,47 +12,31 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
+from slipangle.identify.linear.delays import delayed
 from slipangle.identify.linear.estimator import criteria
-from slipangle.identify.linear.order_search import FINISHED, HOPELESS, ROUGH, TIE, Effort, Judged, searched
+from slipangle.identify.linear.neighbours import Chosen
+from slipangle.identify.linear.order_search import (
+    FINISHED,
+    HOPELESS,
+    ROUGH,
+    TIE,
+    Effort,
+    Judged,
+    OrderChoice,
+    searched,
+)
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.predictor import Work
 from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
+from slipangle.identify.linear.waiting import said, settled, waiting
 from slipangle.identify.stability import breakdown_said, later, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
 from slipangle.numerics.blas import one_blas_thread
-from slipangle.shown import Shown
 
 Order = Annotated[int, Within(1, 200)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class OrderChoice(Shown):
-    """How an order was chosen."""
-
-    orders: tuple[int, ...]  # candidates
-    # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed;
-    # of the subspace start where the order was out of question without refinement: for several experiments A, C and K
-    # of that are fitted to all of them
-    errors: np.ndarray
-    singular_values: np.ndarray  # (n,), of the subspace projection of all data
-    # the smallest order within 1 % of the least error, or below which nothing but rounding is left; of several
-    # experiments errors may count for more, in proportion to the parameters, where the choice does not hang by it
-    order: int
-    holdout: str  # what the errors were measured on
-    failures: tuple[str, ...] = ()  # why an order could not be judged
-    refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
-    candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
-
-    def _words(self) -> str:
-        return self.said
-
-    @property
-    def said(self) -> str:
-        """What was done, for the method's line."""
-        return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +55,12 @@ class StateSpace(ScaledEstimator):
     focus : {"simulation", "prediction"}
         What is minimised, and by what orders are compared: the free-run error with K = 0, or the one-step-ahead error
         with K free.
-    algorithm, block_rows, direct
+    direct : bool or "chosen", optional
+        Whether outputs depend on inputs of the same sample; by default not where the order is given. Where it is
+        chosen, so are delays of more than 4 samples, which are then no part of the order: inputs wait for them in
+        states of their own. What the data tell of either (`slipangle.identify.linear.delays.first_effects`) is taken
+        where free runs of subspace models over held-out data are better for it.
+    algorithm, block_rows
         See `Subspace`.
     offsets, weights, max_radius, max_iterations
         See `PEM`; numbers as weights are the typical error of each output, in its unit.
@@ -85,7 +74,7 @@ class StateSpace(ScaledEstimator):
     focus: Focus = "simulation"
     algorithm: Algorithm = "cva"
     block_rows: int | None = None
-    direct: bool = False
+    direct: bool | Chosen | None = None
     offsets: Offsets = "none"
     weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
     max_radius: Radius | None = None
@@ -94,6 +83,8 @@ class StateSpace(ScaledEstimator):
     max_iterations: Whole = 100
 
     def __post_init__(self) -> None:
+        if self.direct is None:
+            object.__setattr__(self, "direct", "chosen" if isinstance(self.order, tuple) else False)
         super().__post_init__()
         if self.order == ():
             raise ParameterError("order is (); expected a whole number of at least 1, or several of them")
@@ -104,14 +95,20 @@ class StateSpace(ScaledEstimator):
         return replace(self, weights=weighed(self.weights, scales))
 
     def _scaled_fit(self, data: Dataset) -> StateSpaceModel:
+        began = time.perf_counter()
+        if self.direct == "chosen":
+            settings, waits = settled(self, data)
+            model = waiting(settings._scaled_fit(delayed(data, waits)), waits, data)
+            return _told(model, said(bool(settings.direct), waits), began)
         if isinstance(self.order, int):
             return self._usable(data, self.order)
-        began = time.perf_counter()
         choice, model = self._lasting(data, self._compared(data))
         model = noted(model, later(model.poles, data)) if self.focus == "simulation" else model
-        info: Any = model.fit_info
-        found = {"candidates": choice.candidates, "method": f"{choice.said}; {info.method}"}
-        return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
+        return _told(model, f"{choice.said}; ", began, candidates=choice.candidates)
+
+    @property
+    def _orders(self) -> tuple[int, ...]:
+        return (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
 
     def _lasting(self, data: Dataset, choice: OrderChoice) -> tuple[OrderChoice, StateSpaceModel]:
         """The fit of the chosen order, or of the next best in free runs where its own run away and those do not.
@@ -159,15 +156,20 @@ class StateSpace(ScaledEstimator):
         All refinements together take at most the work of 5 fits, where one fit is `fit` with the chosen order given and
         work the samples over which errors, and each of their derivatives, are run: the same on every machine. Orders
         that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and runs
-        over held-out data come on top; of a few hundred samples they take as long as a fit or two.
+        over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred samples
+        they take as long as a fit or two.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
         scales = Scales.of(data)
-        return self._within(scales)._compared(scales.data)
+        settings, waits = self._within(scales), dict.fromkeys(data.inputs, 0)
+        if self.direct == "chosen":
+            settings, waits = settled(settings, scales.data)
+        choice = settings._compared(delayed(scales.data, waits))
+        return replace(choice, direct=bool(settings.direct), waits=tuple(waits.values()))
 
     def _compared(self, data: Dataset) -> OrderChoice:
-        orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
+        orders = self._orders
         seen, parts, holdout = self._held_out(data)
         failures: dict[int, str] = {}
         starts, projection = self._starts(seen, parts, orders, failures)
@@ -298,7 +300,7 @@ class StateSpace(ScaledEstimator):
     def _n_parameters(self, order: int, data: Dataset) -> int:
         """What the data determine of a model, whatever its basis."""
         nu, ny = len(data.inputs), len(data.outputs)
-        d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
+        d = order * (ny + nu) + ny * nu * bool(self.direct) + order * ny * (self.focus == "prediction")
         return d + {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
 
     def _starts(
@@ -378,6 +380,13 @@ _ASTRAY = (
     "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
     "model goes astray: {what}; expected data that a free run can follow: use focus='prediction', or another order"
 )
+
+
+def _told(model: StateSpaceModel, first: str, began: float, **found: Any) -> StateSpaceModel:
+    """The model with what was chosen before its fit, and the time that all of it took."""
+    info: Any = model.fit_info
+    seconds = time.perf_counter() - began
+    return replace(model, fit_info=replace(info, method=first + info.method, seconds=seconds, **found))
 
 
 def _follows(model: StateSpaceModel, data: Dataset) -> bool:

@@ -15,9 +15,11 @@ from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, SlipangleError, TooShortError
 from slipangle.fields import Checked, Count, Seed
 from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.networks.lag_form import in_scaled
 from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
 from slipangle.identify.networks.training import IDLE, Holdout, Progress, Trained, require_jax, train
 from slipangle.identify.networks.windows import in_units, scaled, window_starts
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Activation, Scaling
 from slipangle.models.model import Candidate, FitInfo
@@ -34,10 +36,11 @@ Again = Callable[[TrainingProblem, Any, tuple[Stage, ...]], Any]
 
 
 class Settled(NamedTuple):
-    """How open orders were chosen: in words, and all that were compared."""
+    """How open orders were chosen: in words, all that were compared, and a linear model to start from that came out."""
 
     said: str = ""
     candidates: tuple[Candidate, ...] = ()
+    linear: ARXModel | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +95,11 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         """What is trained."""
 
     @abc.abstractmethod
-    def _linear(self, data: Dataset, held: Dataset) -> Any:
-        """The linear model to start from, scaled, as `_initial` takes it; of several the best over ``held``."""
+    def _linear(self, data: Dataset, held: Dataset, *known: ARXModel) -> Any:
+        """The linear model to start from, scaled, as `_initial` takes it; of several the best over ``held``.
+
+        One that is ``known`` came with the orders.
+        """
 
     @abc.abstractmethod
     def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> Any:
@@ -121,7 +127,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         began = time.perf_counter()
         require_jax(f"fitting {self._what}")
         settings, chosen = self.settled(data)
-        model = settings._fit(data, began, progress)
+        model = settings._fit(data, began, progress, chosen.linear)
         if not chosen.candidates:
             return model
         info: Any = model.fit_info
@@ -129,8 +135,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             model, fit_info=replace(info, candidates=chosen.candidates, method=f"{chosen.said}; {info.method}")
         )
 
-    def _fit(self, data: Dataset, began: float, progress: Progress | None) -> M:
-        """The model of settled orders."""
+    def _fit(self, data: Dataset, began: float, progress: Progress | None, known: ARXModel | None = None) -> M:
+        """The model of settled orders, from a known linear model or a better one that is found."""
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self._n_seen(ny, nu))
         require_independent(data)
@@ -145,8 +151,9 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             settings: Any = {"stages": stages, "seeds": (trained.best.seed,), "precision": self.precision}
             return train(problem, lambda seed: start, (arrays, trained.params), starts, **settings).params
 
-        both = (in_units(part, scaling_u, scaling_y) for part in (inner, held))
-        linear, without = self._started(*both) if self.linear_start else (None, "")
+        both = in_units(inner, scaling_u, scaling_y), in_units(held, scaling_u, scaling_y)
+        given = () if known is None else (in_scaled(known, scaling_u, scaling_y),)
+        linear, without = self._started(*both, *given) if self.linear_start else (None, "")
         settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
         settings |= {"guarded": linear is not None and self.holdout > 0}  # else the score is of the training data
         settings |= {"idle": LINEAR if linear is not None else IDLE, "progress": progress}
@@ -159,13 +166,13 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         model = self._model(trained.params, scaling_u, scaling_y, again, channels)
         return replace(model, fit_info=self._info(trained, model, data, began))
 
-    def _started(self, data: Dataset, held: Dataset) -> tuple[Any, str]:
+    def _started(self, data: Dataset, held: Dataset, *known: ARXModel) -> tuple[Any, str]:
         """The linear model, or why there is none."""
         try:
             with warnings.catch_warnings():
                 for kind in (ModelWarning, IdentifiabilityWarning):  # of a model that is only to begin with
                     warnings.simplefilter("ignore", kind)
-                return self._linear(data, held), ""
+                return self._linear(data, held, *known), ""
         except SlipangleError as error:
             return None, f"training starts from random weights, as there is no linear model to start from: {error}"
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import SimulationError, SlipangleError
+from slipangle.errors import IdentifiabilityWarning, ModelWarning, SimulationError, SlipangleError
 from slipangle.fields import Count
 from slipangle.identify.excitation import require_independent
 from slipangle.identify.linear.arx import ARX
@@ -17,6 +18,7 @@ from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.linear.orders import Chosen, choose
 from slipangle.identify.linear.polynomial import OutputError
 from slipangle.identify.networks.estimator import Again, NetworkEstimator, Settled
+from slipangle.identify.networks.lag_form import ALIKE, lag_forms, longest, state_space
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
 from slipangle.models.black_box.arx import ARXModel
@@ -43,7 +45,8 @@ class NARX(NetworkEstimator[NARXModel]):
     hidden, activation, stages, holdout, seeds, linear_start, precision
         See `NetworkEstimator`; by default the loss looks one step ahead, then 20. The linear start is the ARX model of
         these lags or, of one input and one output, the output-error model, whichever runs freely better over the
-        held-out part.
+        held-out part. Where all orders are open and the linear state space runs better there than both, it is the
+        start, as a difference equation, and the orders are those of that.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.2.
     """
@@ -75,7 +78,30 @@ class NARX(NetworkEstimator[NARXModel]):
         choice = choose(inner, offset=True, same=True, **given)
         best = choice.ranked[0][0]
         said = f"{choice.said(best)}, as an ARX model"
-        return replace(self, na=best.na, nb=best.nb[0], nk=best.nk[0]), Settled(said, choice.candidates)
+        chosen = replace(self, na=best.na, nb=best.nb[0], nk=best.nk[0])
+        if not self.linear_start or set(given.values()) != {"chosen"}:
+            return chosen, Settled(said, choice.candidates)
+        linear = chosen._better_linear(*chosen.cut(data))
+        if linear is None:
+            return chosen, Settled(said, choice.candidates)
+        lags: Any = {"na": linear.na, "nb": linear.nb, "nk": linear.nk}
+        told = ", ".join(f"{name} = {n}" for name, n in lags.items())
+        said = f"{told}, of a linear state space that ran freely better than models of {said}"
+        return replace(self, **lags), Settled(said, choice.candidates, linear)
+
+    def _better_linear(self, data: Dataset, held: Dataset) -> ARXModel | None:
+        """The linear state space by lags, where it runs freely better than the linear models of these lags do."""
+        found = state_space(data)
+        forms = [] if found is None else lag_forms(*found)
+        errors = [free_run_error(m, held) for m in forms]
+        at = longest(forms, errors)
+        if at is None:
+            return None
+        with warnings.catch_warnings():
+            for kind in (ModelWarning, IdentifiabilityWarning):  # of models that are only compared
+                warnings.simplefilter("ignore", kind)
+            others = [free_run_error(m, held) for m in self._models(data)]
+        return forms[at] if errors[at] < min(others, default=np.inf) else None
 
     @property
     def _lags(self) -> Any:
@@ -88,17 +114,24 @@ class NARX(NetworkEstimator[NARXModel]):
     def _problem(self) -> LagNetwork:
         return LagNetwork(**self._lags, activation=self.activation)
 
-    def _linear(self, data: Dataset, held: Dataset) -> tuple[np.ndarray, np.ndarray]:
-        """Slope by the lags and constant: ARX or, of one input and output, output error, as runs freely better."""
-        model = ARX(**self._lags, offset=True).fit(data)
-        blows_up = growth(model.poles, data.n_longest)
-        found = [] if blows_up else [model]
-        if len(data.inputs) == len(data.outputs) == 1:
-            found += self._output_error(data)
+    def _linear(self, data: Dataset, held: Dataset, *known: ARXModel) -> tuple[np.ndarray, np.ndarray]:
+        """Slope by the lags and constant: ARX, output error of one input and output, or a known one.
+
+        The one that runs best; of others that are about as good, the known one, as chance tells which is best.
+        """
+        found = [*known, *self._models(data)]
         if not found:
-            raise SimulationError(blows_up)
-        best = min(found, key=lambda m: free_run_error(m, held)) if len(found) > 1 else found[0]
+            raise SimulationError(growth(ARX(**self._lags, offset=True).fit(data).poles, data.n_longest))
+        errors = np.array([free_run_error(m, held) for m in found])
+        errors[: len(known)] /= ALIKE
+        best = found[int(np.argmin(errors))]
         return np.hstack([*(-best.A), *best.B]), best.c
+
+    def _models(self, data: Dataset) -> list[ARXModel]:
+        """Linear models of these lags that do not blow up."""
+        model = ARX(**self._lags, offset=True).fit(data)
+        found = [] if growth(model.poles, data.n_longest) else [model]
+        return found + (self._output_error(data) if len(data.inputs) == len(data.outputs) == 1 else [])
 
     def _output_error(self, data: Dataset) -> list[ARXModel]:
         """The output-error model as a difference equation of the same lags, where there is one."""

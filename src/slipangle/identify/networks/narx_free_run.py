@@ -63,7 +63,7 @@ class FreeRunNARX(Checked):
         for i, seed in enumerate(start.seeds):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)  # of what the free-run fit may mend
-                first = replace(start, seeds=(seed,)).fit(data)
+                first = replace(start, seeds=(seed,))._fit(data, time.perf_counter(), None, chosen.linear)
             with adam.precision("double"):
                 models.append(_Polish(self, first, inner, held).run(seed, data))
             if progress is not None:

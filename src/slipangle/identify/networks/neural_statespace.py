@@ -104,7 +104,7 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
     def _problem(self) -> StateNetwork:
         return StateNetwork(lags=self.lags, activation=self.activation, feedthrough=self.feedthrough)
 
-    def _linear(self, data: Dataset, held: Dataset) -> tuple[Affine, Affine, Affine]:
+    def _linear(self, data: Dataset, held: Dataset, *known: Any) -> tuple[Affine, Affine, Affine]:
         """Change of the state, outputs and state from past samples of the linear model of this order.
 
         Its states have unit covariance over the data.

@@ -92,9 +92,9 @@ class StateSpaceModel(BlackBoxModel):
 
         Raises ParameterError if the fit did not tell how uncertain A is, as that of `Subspace` does not.
 
-        Names are ``modulus[i]`` and ``angle[i]`` of every pole that is not below the real axis [rad], largest modulus
-        first, and ``gain[y,u]`` of every output and input; the covariance is carried over from that of the entries to
-        first order.
+        Names are ``modulus[i]`` and ``angle[i]`` of every pole that is not below the real axis [rad] nor zero, largest
+        modulus first, and ``gain[y,u]`` of every output and input; the covariance is carried over from that of the
+        entries to first order.
         """
         info = self.fit_info
         if info is None or "A[0,0]" not in info.names:
@@ -102,9 +102,11 @@ class StateSpaceModel(BlackBoxModel):
                 "the fit does not tell how uncertain A is; expected a state space that StateSpace or PEM fitted"
             )
         n, nu, ny = self.order, len(self.inputs), len(self.outputs)
-        pole, right = np.linalg.eig(self.A)
-        left = np.linalg.inv(right)
-        kept = [i for i in np.argsort(-np.abs(pole), kind="stable") if np.imag(pole[i]) >= 0]
+        each: Any = linalg.eig(self.A, left=True, right=True)
+        pole, left, right = each[0], each[1].conj().T, each[2]
+        order = np.argsort(-np.abs(pole), kind="stable")
+        kept = [i for i in order if np.imag(pole[i]) >= 0 and pole[i] != 0]  # without states that only wait
+        scale = np.einsum("ij,ji->i", left[kept], right[:, kept])
         after = np.linalg.solve((np.eye(n) - self.A).T, self.C.T).T
         before = np.linalg.solve(np.eye(n) - self.A, self.B)
         slope = np.zeros((2 * len(kept) + ny * nu, len(info.names)))
@@ -116,7 +118,7 @@ class StateSpaceModel(BlackBoxModel):
             i, j = (int(k) for k in name[2:-1].split(","))
             slope[2 * len(kept) :, column] = np.outer(unit[name[0]][:, i], driven[name[0]][j]).ravel()
             if name[0] == "A":
-                turn = left[kept, i] * right[j, kept] / pole[kept]  # of the pole's logarithm
+                turn = left[kept, i] * right[j, kept] / (scale * pole[kept])  # of the pole's logarithm
                 slope[0 : 2 * len(kept) : 2, column] = turn.real * np.abs(pole[kept])
                 slope[1 : 2 * len(kept) : 2, column] = turn.imag
         names = [f"{what}[{i}]" for i in range(len(kept)) for what in ("modulus", "angle")]
