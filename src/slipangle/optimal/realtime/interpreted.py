@@ -657,6 +657,7 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
+        circling, lowest = 0, np.inf  # small steps in a row that lower the merit no more, and that before such steps
         priced, neared = 0, 0  # iterations when that price was set, and when the violation was nearest to none
         soft, nearest = False, np.inf  # soft: hard limits have their price even where a step keeps them
         price, dearest, missed = 0.0, 0.0, 0.0  # missed: of limits by the step, at that price
@@ -726,6 +727,11 @@ class WorkArea(Engine):
             idle += flat and size > 0.9 * least_step
             least_step = min(least_step, size) if flat else least_step
             may_rise = missed > 1e-6 and price < dearest  # of the price: the last digits are not worth their steps
+            small, lower = near and size <= FLAT and not paid, here < lowest - 1e-12 * abs(here)
+            circling = circling + 1 if small and not lower else 0  # as where a limit that hardly counts comes and goes
+            back = circling >= IDLE and here > lowest + 1e-12 * abs(here)  # to the lowest
+            idle = IDLE if back or circling >= 2 * IDLE else idle
+            lowest = min(here, lowest) if small else np.inf
             last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
             hazy = last and blurred(H, np.diag(self._quadratic), step, self._half_cost(m.e, u))
             hazy = hazy or (last and outgrown(m.A, self.ocp.jumps))

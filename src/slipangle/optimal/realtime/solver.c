@@ -1124,7 +1124,8 @@ static void choose_curvature(Work *s, double t)
 static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
-    int status = ITERATION_LIMIT, idle = 0;
+    int status = ITERATION_LIMIT, idle = 0, circling = 0; /* circling: small steps in a row that lower the merit no more */
+    double lowest = INFINITY;                             /* merit before such steps */
     double price = 0, dearest = 0, miss = 0; /* miss: of limits by the step, at a price */
     int paid = 0;                            /* for that: no plan yet, however small what is left */
     double whole = INFINITY;                 /* size of the last step, if near and taken so */
@@ -1187,6 +1188,11 @@ static int converge(Work *s, int64_t most, int loose)
         least = flat ? smaller(s->step, least) : least;
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
         int still = predicted <= TELLING * larger(here, FIRST * begun); /* else curvature of multipliers long gone holds it there */
+        int small = near && s->step <= FLAT && still && !paid, lower = here < lowest - 1e-12 * fabs(here);
+        circling = small && !lower ? circling + 1 : 0; /* as where a limit that hardly counts comes and goes */
+        int around = circling >= 2 * IDLE || (circling >= IDLE && here > lowest + 1e-12 * fabs(here)); /* back to the lowest */
+        lowest = small ? smaller(here, lowest) : INFINITY;
+        idle = around ? IDLE : idle;
         int last = near && !s->frail && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
         int hazy = last && (blurred(s, cost) || outgrown(s));
 #ifdef RICCATI
