@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.foreign_cars import fleet, judge
 
+from slipangle.data.quality.plausible import doubts
 from slipangle.data.quality.slow_motion import zero_of_r
 from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.identify_car import WholeCar
@@ -33,6 +34,18 @@ def test_at_one_speed_nothing_tells_it():
     data = log(0.06)
     steady = data.with_channel("v_x", np.full(len(data), 15.0), "m/s")
     assert zero_of_r(steady, wheelbase=3.0) == 0.0
+
+
+def test_one_beyond_what_a_fit_may_correct_begins_at_the_bound_and_is_named():
+    """Such a start was no parameter of any car."""
+    known = judge.known_of(fleet.make(CAR))
+    car = WholeCar(mass=known.mass, wheelbase=known.wheelbase, l_f=known.l_f)
+    data = log(0.2)
+    _, elsewhere = car._begin(data, data, stretches(data, known.wheelbase))
+    assert elsewhere["bias_r"] == 0.1
+    assert any(
+        "0.2 rad/s on a straight: its sensor has an offset" in s for s in doubts(data, wheelbase=known.wheelbase)
+    )
 
 
 def test_the_fit_begins_with_it_and_finds_tires_of_a_car():

@@ -297,9 +297,9 @@ class WholeCar(Checked):
     def _elsewhere(self, start: Any, turned: Dataset) -> dict[str, float]:
         """Gain and offset of r that the log shows, where they are far from those given, with ordinary tires."""
         over, zero = (told(turned, wheelbase=self.wheelbase) for told in (kinematic_gain, zero_of_r))
-        limits, found = start.si("steering_gain"), {"bias_r": zero} if zero else dict[str, float]()
-        if over and not _NEAR[0] < over < _NEAR[1]:
-            found["steering_gain"] = float(np.clip(over * self.steering_gain, limits.lower, limits.upper))
+        far = 0.0 if _NEAR[0] < over < _NEAR[1] else over * self.steering_gain
+        there = {"steering_gain": far, "bias_r": zero}
+        found = {n: float(np.clip(v, start.si(n).lower, start.si(n).upper)) for n, v in there.items() if v}
         return found | {name: start.value(name) for name in STIFF} if found else {}
 
     def _of_the_mass(self, moment: str) -> str:
