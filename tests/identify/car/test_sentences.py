@@ -61,8 +61,8 @@ def test_a_place_of_v_y_that_no_centre_of_gravity_explains_may_be_another_unit(l
     final: Any = SimpleNamespace(
         free=("lever_v_y",),
         names=("lever_v_y",),
-        values={"lever_v_y": lever, "C_f": 4e4, "C_r": 7e4, "steering_gain": 1.0, "inertia_z": 6400.0},
-        model=SimpleNamespace(ode=SimpleNamespace(params=p)),
+        values={"lever_v_y": lever, "C_f": 4e4, "C_r": 7e4, "inertia_z": 6400.0},
+        model=SimpleNamespace(ode=SimpleNamespace(params=p), value=lambda name: getattr(p, name)),
     )
     (said,) = misplaced(final, [], np.array([[lever - 0.1, lever + 0.1]]))
     assert said.startswith(f"v_y reads as if measured {lever:+.2g} m")

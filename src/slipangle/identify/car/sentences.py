@@ -321,8 +321,7 @@ def _of_another_length(final: Fitted) -> str:
     """
     p, values = final.model.ode.params, final.values
     share = (p.l_r + values["lever_v_y"]) / p.l_r
-    gain = values["steering_gain"] if "steering_gain" in values else final.model.value("steering_gain")
-    inertia = short(share**2 * values["inertia_z"])
+    gain, inertia = final.model.value("steering_gain"), short(share**2 * values["inertia_z"])
     return (
         f"a wheelbase of about {share * p.wheelbase:.3g} m in place of {p.wheelbase:.3g} m, l_f in proportion, with "
         f"wheels that turn {share * gain:.2g} times what delta says and inertia_z about {inertia}"
