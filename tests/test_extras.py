@@ -55,3 +55,10 @@ print(len(sa.__all__))
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == len(sa.__all__)
+
+
+def test_statistics_and_filters_are_loaded_by_what_needs_them():
+    """They take as long as the rest of a command's start, and one of a controller, or a worker's, needs neither."""
+    code = "import sys, slipangle.cli, slipangle.workflow.job; print({'scipy.signal', 'scipy.stats'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -349,13 +350,20 @@ def test_scratch_of_killed_processes_goes_when_it_is_old(folder):
 
 
 @needs_compiler
-def test_processes_that_compile_at_once_agree(folder, tmp_path):
+@pytest.mark.skipif(code_cache.fcntl is None, reason="no locks here")
+def test_of_processes_that_want_the_same_one_compiles_and_the_others_wait(folder, tmp_path):
+    script, calls = tmp_path / "cc-counts", tmp_path / "calls"
+    counted = f'[ "$1" = --version ] || {{ echo >> {calls}; sleep 1; }}'
+    script.write_text(f'#!/bin/sh\n{counted}\nexec {shlex.join(compiled.compiler())} "$@"\n')
+    script.chmod(0o755)
     (tmp_path / "source.c").write_text(SOURCE)
     call_child = [sys.executable, "-c", CHILD, str(tmp_path / "source.c")]
-    running = [subprocess.Popen(call_child, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    given = {**os.environ, "SLIPANGLE_CC": str(script)}
+    running = [subprocess.Popen(call_child, stdout=subprocess.PIPE, text=True, env=given) for _ in range(3)]
     assert [p.communicate()[0].split()[0] for p in running] == ["8.0"] * 3
-    assert files(folder)
-    assert all(code_cache._own(p) for p in files(folder))
+    assert len(calls.read_text()) == 1
+    (made,) = files(folder)
+    assert code_cache._own(made)
 
 
 @needs_compiler

@@ -1024,7 +1024,7 @@ MUTANTS = [
         "models/analysis/spectral_bands.py",
         "models/analysis/test_frequency.py",
         [
-            ("bands: the noise is known", "tail = float(stats.norm.sf(half))", "tail = (1 - level) / 2"),
+            ("bands: the noise is known", "tail = float(scipy.stats.norm.sf(half))", "tail = (1 - level) / 2"),
             ("bands: deviation for variance", "square = 1 / s**2", "square = 1 / s"),
             ("bands: a phase where there is no gain", "np.where(told, np.arcsin(reach), np.pi)", "np.arcsin(reach)"),
         ],

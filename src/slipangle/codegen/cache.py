@@ -2,7 +2,8 @@
 
 A library runs with all rights of its user, so it is loaded only from a folder that nobody else can write, and only if
 its bytes are those that were once compiled here. The name holds the checksum, ``<name>-<identity>-<checksum>.so``: one
-rename publishes both, and processes that compile the same source at once never disturb each other.
+rename publishes both, so processes that compile the same source at once never disturb each other; where the system has
+locks, one compiles and the others wait for it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,13 @@ from pathlib import Path
 
 from slipangle.files import cache_folder, private_folder
 
+try:
+    import fcntl
+except ImportError:  # not every system has such locks
+    fcntl = None
+
 _OLD = 86400.0  # scratch folders untouched for this long were left by a process that was killed [s]
+_AGAIN = 0.02  # until a lock is tried again [s]
 
 
 def folders() -> Iterator[tuple[Path, str]]:
@@ -137,6 +144,40 @@ def keep(made: Path, folder: Path, name: str, identity: str) -> Path:
         finally:
             os.close(handle)
     return target
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path, identity: str, seconds: float) -> Iterator[None]:
+    """Wait until no other thread or process is inside for the same ``identity``, for so many seconds at most.
+
+    The system frees the lock of a process that ends, however it does. Without locks nobody waits.
+    """
+    place, handle = folder / f".{_short(identity)}.lock", None
+    if fcntl is not None:
+        with contextlib.suppress(OSError):
+            handle = os.open(place, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            until = time.monotonic() + seconds
+            while not _locked(handle) and time.monotonic() < until:
+                time.sleep(_AGAIN)
+    try:
+        yield
+    finally:
+        if fcntl is not None and handle is not None:
+            with contextlib.suppress(OSError):  # those who wait have it open, those who come find what was made
+                place.unlink()
+            with contextlib.suppress(OSError):  # by name, as a forked process may have inherited the handle
+                fcntl.flock(handle, fcntl.LOCK_UN)
+            os.close(handle)
+
+
+def _locked(handle: int) -> bool:
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def sweep(folder: Path) -> None:

@@ -197,7 +197,9 @@ def _library(
             path = code_cache.find(folder, name, identity, suffix)
             if path is None:
                 code_cache.sweep(folder)
-                path = _compile(source, (command, levels), folder, name, identity, suffix)
+                with code_cache.one_at_a_time(folder, identity, _limit()):
+                    found = code_cache.find(folder, name, identity, suffix)  # another may have made it by now
+                    path = found or _compile(source, (command, levels), folder, name, identity, suffix)
             return _typed(ctypes.CDLL(str(path)), source)
         except _RejectedError as error:
             complaint = str(error)

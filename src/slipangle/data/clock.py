@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import interpolate, signal
+import scipy
 
 from slipangle.errors import NotFiniteError, SampleTimeError, SlipangleError, TimeError, TooShortError
 
@@ -360,14 +360,14 @@ def _jitter_note(
 def at_rate(x: np.ndarray, dt: float, new: float, corner: float | None) -> np.ndarray:
     """An uninterrupted record, shape (n, n_channels), at a new sample time, after a zero-phase low-pass. [s, s, Hz]"""
     if corner is not None:
-        sos = signal.butter(4, corner, fs=1 / dt, output="sos")
-        x = signal.sosfiltfilt(sos, x, axis=0, padlen=min(27, len(x) - 1))
+        sos = scipy.signal.butter(4, corner, fs=1 / dt, output="sos")
+        x = scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=min(27, len(x) - 1))
     position = np.arange(int((len(x) - 1) * dt / new + 1e-9) + 1) * new / dt
     row = np.rint(position).astype(int)
     if np.abs(position - row).max(initial=0.0) < 1e-6:
         return x[np.minimum(row, len(x) - 1)]
     order = 3 if corner is not None and len(x) > 3 else 1
-    return interpolate.make_interp_spline(np.arange(len(x)), x, k=order, axis=0)(position)
+    return scipy.interpolate.make_interp_spline(np.arange(len(x)), x, k=order, axis=0)(position)
 
 
 def past_midnight(t: np.ndarray, said: list[str]) -> np.ndarray:

@@ -135,6 +135,8 @@ class OdeModel(Parametrised, Model):
         if self.substeps == 0:
             explicit = max(1, math.ceil(self.dt / self.max_step - 1e-9))
             object.__setattr__(self, "substeps", 1 if self.method == "radau" else explicit)
+        if {*self.outputs} <= {*self.states}:
+            return
         zeros = np.zeros(self.n_states), np.zeros(self.n_inputs)
         known = {*self.states, *self.signals(*zeros)}
         for name in self.outputs:

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+import scipy
 from scipy.optimize import least_squares
-from scipy.stats import t as student
 
 from slipangle.errors import NotFiniteError
 from slipangle.fields import Checked, Count
@@ -281,7 +281,7 @@ def profile_interval(
     """
     freedom = max(1, problem.n * problem.m - problem.p)
     variance = max(solution.cost / freedom, 1e-300)
-    limit = float(student.ppf(0.5 + level / 2, freedom))
+    limit = float(scipy.stats.t.ppf(0.5 + level / 2, freedom))
     spread = float(np.sqrt(max(covariance(solution)[index, index], 0.0)))
     best = float(solution.theta[index])
 

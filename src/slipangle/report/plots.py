@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-from scipy.stats import gaussian_kde
+import scipy
 
 from slipangle.data.dataset import Channel
 from slipangle.errors import ParameterError, nearest
@@ -150,7 +150,7 @@ def _raincloud(
     if np.ptp(e) > 0:
         grid = np.linspace(e.min(), e.max(), 256)
         sample = e if len(e) <= 20_000 else rng.choice(e, 20_000, replace=False)
-        density = gaussian_kde(sample)(grid)
+        density = scipy.stats.gaussian_kde(sample)(grid)
         cloud = row + 0.1 + 0.32 * density / density.max()
         outline = compact(np.concatenate([grid, grid[::-1]])), np.concatenate([cloud, np.full(len(grid), row + 0.1)])
         filled = {"fill": "toself", "fillcolor": colour.faded(0.35), "name": label}

@@ -15,8 +15,7 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import binom
-from scipy.stats import t as student
+import scipy
 
 from slipangle import FitInfo, MagicCurve
 from slipangle.errors import IdentifiabilityWarning
@@ -64,7 +63,7 @@ def reproduce(progress: Progress) -> Reproduction:
             bound, holds = f"{true:g} in {lower:.4g} to {upper:.4g}", bool(lower <= true <= upper)
             printed = float(getattr(PRINTED[name], coefficient))
             records.append(Record(f"table 6.8, {name}", f"{coefficient} [-]", printed, here, bound, holds))
-    needed = int(binom.ppf(0.001, len(RATE_SEEDS), 0.95))
+    needed = int(scipy.stats.binom.ppf(0.001, len(RATE_SEEDS), 0.95))
     for k, name in enumerate(PRINTED):
         inside = _rates(name, lambda share, k=k: progress(0.2 + 0.4 * (k + share), "rates over seeds"))
         row, percent = f"table 6.8, {name}, {len(RATE_SEEDS)} noise seeds", 100 / len(RATE_SEEDS)
@@ -91,7 +90,7 @@ def _rates(name: str, progress: Callable[[float], None]) -> np.ndarray:
         values = _quietly(fit, slip, friction).values
         best = float(np.sum(problem.residual(values) ** 2))
         freedom = len(slip) - len(NAMES)
-        limit = student.ppf(0.975, freedom) ** 2 * best / freedom
+        limit = scipy.stats.t.ppf(0.975, freedom) ** 2 * best / freedom
         for j, value in enumerate(truth(name)):
             inside[j] += fixed_cost(problem, values, lower, upper, j, float(value))[0] - best <= limit
     return inside

@@ -5,7 +5,8 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy import io, signal
+import scipy
+from scipy import io
 
 from slipangle.data.clock import find_grid
 from slipangle.data.dataset import Channel, Dataset, join
@@ -218,7 +219,7 @@ def _dart_record(name: str) -> Dataset:
     window = 2 * round(0.075 / data.dt) + 1
     psi = data["psi"]
     east, north, r = (
-        np.asarray(signal.savgol_filter(data[n], window, 2, deriv=1, delta=data.dt)) for n in ("X", "Y", "psi")
+        np.asarray(scipy.signal.savgol_filter(data[n], window, 2, deriv=1, delta=data.dt)) for n in ("X", "Y", "psi")
     )
     v_x = east * np.cos(psi) + north * np.sin(psi)
     v_y = -east * np.sin(psi) + north * np.cos(psi)

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, signal
+import scipy
+from scipy import optimize
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
@@ -109,7 +110,7 @@ class _Spectra:
 def _lines(x: np.ndarray, n: int, keep: np.ndarray) -> np.ndarray:
     """Spectra of half-overlapping windows, each without its own trend. (n_windows, n_lines)"""
     rows = np.lib.stride_tricks.sliding_window_view(x, n)[:: n // 2]
-    return np.fft.rfft(signal.detrend(rows) * signal.get_window("hann", n))[:, keep]
+    return np.fft.rfft(scipy.signal.detrend(rows) * scipy.signal.get_window("hann", n))[:, keep]
 
 
 def _spectra(data: Dataset, input: str, output: str, n: int, f_max: float) -> _Spectra:

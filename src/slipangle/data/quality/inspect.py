@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 from scipy.ndimage import uniform_filter1d
 
 from slipangle.data.dataset import Dataset
@@ -381,7 +381,7 @@ def _excitation(data: Dataset, name: str) -> Excitation:
     n = min(data.n_longest, max(round(30 / data.dt), 8))
     for part in data.experiments:
         if len(part) >= n and n > 3:
-            f, p = signal.welch(part[name], fs=1 / data.dt, nperseg=n, detrend="constant")
+            f, p = scipy.signal.welch(part[name], fs=1 / data.dt, nperseg=n, detrend="constant")
             power = power + p * len(part)
     total = np.cumsum(np.atleast_1d(power))
     bandwidth = float(f[np.searchsorted(total, 0.95 * total[-1])]) if total[-1] > 0 else 0.0

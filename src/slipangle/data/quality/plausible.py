@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
@@ -189,8 +189,8 @@ def _late(fast: list[Dataset]) -> tuple[float, float]:
     dt, most = fast[0].dt, round(0.6 / fast[0].dt)
     total = np.zeros(2 * most + 1)
     for part in fast:
-        x, y = (signal.detrend(v) for v in (part["a_y"], part["v_x"] * part["r"]))
-        full = signal.correlate(y, x, mode="full")
+        x, y = (scipy.signal.detrend(v) for v in (part["a_y"], part["v_x"] * part["r"]))
+        full = scipy.signal.correlate(y, x, mode="full")
         middle = len(x) - 1
         total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
     best = int(np.argmax(total))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.data.dataset import Dataset
 
@@ -33,7 +33,7 @@ def smoothed(data: Dataset, channel: str) -> Dataset:
     window = _window(parts, max(_MEANS, round(alike / data.dt)), round(_LONGEST / data.dt))
     if not window:
         return data
-    found = [np.asarray(signal.savgol_filter(x, window, 2)) if len(x) >= window else x for x in parts]
+    found = [np.asarray(scipy.signal.savgol_filter(x, window, 2)) if len(x) >= window else x for x in parts]
     return data.with_channel(channel, np.concatenate(found), data.unit(channel))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.inspect import resting
@@ -69,4 +69,4 @@ def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:
 
 def low_pass(x: np.ndarray, dt: float) -> np.ndarray:
     """What is slow enough for a car to nearly follow its steering."""
-    return signal.sosfiltfilt(signal.butter(2, min(2 * dt * _SLOW, 0.9), output="sos"), x)
+    return scipy.signal.sosfiltfilt(scipy.signal.butter(2, min(2 * dt * _SLOW, 0.9), output="sos"), x)

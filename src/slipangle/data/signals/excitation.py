@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.errors import ParameterError, TooShortError
 
@@ -73,7 +73,7 @@ def prbs(n: int, *, amplitude: float = 1.0, hold: int = 1, order: int | None = N
         rng = np.random.default_rng(seed)
         state = rng.integers(0, 2, order, dtype=np.int8)
         seed += 1
-    sequence, _ = signal.max_len_seq(order, state=state, length=bits)
+    sequence, _ = scipy.signal.max_len_seq(order, state=state, length=bits)
     return amplitude * np.repeat(2.0 * sequence - 1.0, hold)[:n]
 
 
@@ -147,7 +147,7 @@ def swept_sine(
         _below_nyquist(frequency, dt, what)
     if method not in ("linear", "logarithmic"):
         raise ParameterError(f"method is {method!r}; expected 'linear' or 'logarithmic': choose one")
-    return amplitude * signal.chirp(
+    return amplitude * scipy.signal.chirp(
         time(n, dt), f0=f_start, f1=f_stop, t1=max((n - 1) * dt, dt), method=method, phi=-90
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from slipangle.identify.car.structures import Fitted
 from slipangle.numerics import covariance as uncertainty
@@ -55,7 +55,7 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
 
 def few(count: int) -> float:
     """By how much wider a 95 % interval is whose spread so many stretches tell: few tell their own badly."""
-    return float(student.ppf(0.975, count - 1) / student.ppf(0.975, np.inf))
+    return float(scipy.stats.t.ppf(0.975, count - 1) / scipy.stats.t.ppf(0.975, np.inf))
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:

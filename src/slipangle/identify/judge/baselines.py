@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from slipangle.data.dataset import Dataset
 
@@ -133,6 +133,6 @@ def lagged(table: np.ndarray, data: Dataset, lag: float) -> np.ndarray:
     parts = []
     for a, b in zip(data.starts, data.stops, strict=True):
         rows = np.ascontiguousarray(table[a:b].T)
-        filtered, _ = lfilter([0.0, 1 - keep], [1.0, -keep], rows, zi=rows[:, :1])
+        filtered, _ = scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], rows, zi=rows[:, :1])
         parts.append(filtered.T)
     return np.concatenate(parts)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from slipangle.data.dataset import Dataset
 from slipangle.identify.judge.baselines import baselines
@@ -170,7 +170,7 @@ def _better(model: np.ndarray, simple: np.ndarray) -> bool:
         ways = (alike,)
     else:
         ways = (gain, alike) if np.mean(gain) > 0 else ()
-    limit = float(stats.t.ppf(1 - _LEVEL, parts - 1)) / np.sqrt(parts)
+    limit = float(scipy.stats.t.ppf(1 - _LEVEL, parts - 1)) / np.sqrt(parts)
     return any(float(np.mean(way)) > limit * float(np.std(way, ddof=1)) for way in ways)
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import integrate, optimize, special, stats
+import scipy
+from scipy import integrate, optimize, special
 
 from slipangle.data.dataset import Dataset, join, require_dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
@@ -281,8 +282,8 @@ def residual_tests(
     max_lag = max(1, min(max_lag, n // 4))
     auto = _correlation(residuals, residuals, max_lag)[max_lag:]
     q = n * (n + 2) * np.sum(auto[1:] ** 2 / (n - np.arange(1, max_lag + 1)))
-    p = float(stats.chi2.sf(q, max_lag))
-    band = float(stats.norm.ppf(0.995)) / np.sqrt(n)
+    p = float(scipy.stats.chi2.sf(q, max_lag))
+    band = float(scipy.stats.norm.ppf(0.995)) / np.sqrt(n)
     level = 0.01 / max(1, len(data.inputs) * len(one.outputs))
 
     errors = _pieces(free.error[:, i], free)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import f as f_distribution
+import scipy
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import SlipangleError
@@ -121,7 +121,7 @@ def _told_by_free_run(model: ARXModel, parts: Sequence[Dataset]) -> dict[int, fl
     left = triangle(windows, columns, constant=constant, scale=np.ones(len(columns) + constant))[:, -ny:]
     before, after = (np.sum(left[k:] ** 2, axis=0) for k in (p, p + more))  # of what the columns up to there leave
     with np.errstate(divide="ignore", invalid="ignore"):
-        rare = f_distribution.sf((before - after) / more / (after / free), more, free) < _RARE / ny
+        rare = scipy.stats.f.sf((before - after) / more / (after / free), more, free) < _RARE / ny
     return {int(i): float(1 - after[i] / before[i]) for i in np.flatnonzero(rare)}
 
 

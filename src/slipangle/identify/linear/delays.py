@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import linalg, stats
+import scipy
+from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
@@ -114,7 +115,7 @@ def _first(gram: np.ndarray, count: int, known: list[int], own: list[int], targe
     freedom = count - len(known) - len(own)
     lost = np.cumsum(rise[::-1] / left, axis=0).sum(axis=1)[:-1] * freedom  # without the newest 1, 2, ... lags
     dropped = len(targets) * np.arange(1, len(own))
-    seen = lost / dropped > stats.f.isf(_CHANCE / len(own), dropped, freedom)
+    seen = lost / dropped > scipy.stats.f.isf(_CHANCE / len(own), dropped, freedom)
     return int(np.argmax(seen)) if seen.any() else 1
 
 
@@ -123,5 +124,5 @@ def _answers(gram: np.ndarray, count: int, known: list[int], past: list[int], ta
     rise, left = _rises(gram, known, past, [target])
     chance, share = _LOOP
     told, freedom = float(rise.sum()), count - len(known) - len(past)
-    limit = float(stats.f.isf(chance, len(past), freedom))
+    limit = float(scipy.stats.f.isf(chance, len(past), freedom))
     return told > share * (told + float(left[0])) and told / left[0] * freedom / len(past) > limit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, TooShortError
@@ -101,7 +101,7 @@ def _steiglitz_mcbride(u: Signals, w: Signals, nb: int, nf: int, nk: int) -> tup
 
 
 def _filter(b: list[float] | np.ndarray, a: list[float] | np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.asarray(lfilter(b, a, x))
+    return np.asarray(scipy.signal.lfilter(b, a, x))
 
 
 def _regress(target: Signals, columns: list[tuple[Signals, range, float]]) -> np.ndarray:

@@ -82,11 +82,11 @@ class _Polish:
     """The free run of one model as a least-squares problem in scaled coordinates."""
 
     def __init__(self, settings: FreeRunNARX, model: NARXModel, data: Dataset, held: Dataset | None) -> None:
-        from slipangle.identify.networks.unrolled import UnrolledLags
+        from slipangle.identify.networks.unrolled import unrolled_lags
 
         net: Any = model.network.perceptron
         self.settings, self.model, self.net, self.prior = settings, model, net, 0.0
-        self.unrolled = UnrolledLags(net, len(model.outputs))
+        self.unrolled = unrolled_lags(net)
         self.pieces = self._pieces(data)
         self.rows = sum(len(y) for _, _, y in self.pieces)
         self.held = None if held is None else self._pieces(held)

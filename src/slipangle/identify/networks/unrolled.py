@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.models.black_box.networks import MLP, mlp_pass
+from slipangle.models.black_box.networks import MLP, Activation, mlp_pass
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle
 
 
@@ -136,12 +137,27 @@ class Unrolled:
         )
 
 
+def unrolled_lags(network: MLP) -> UnrolledLags:
+    """Free runs of all NARX networks with as many lags, layers and neurons, compiled once for them and each length."""
+    return _unrolled_lags(tuple(w.shape for w in network.weights), network.activation, network.skip is not None)
+
+
+@lru_cache(maxsize=16)
+def _unrolled_lags(shapes: tuple[tuple[int, int], ...], activation: Activation, straight: bool) -> UnrolledLags:
+    net = MLP(
+        weights=tuple(map(np.zeros, shapes)),
+        biases=tuple(np.zeros(rows) for rows, _ in shapes),
+        activation=activation,
+        skip=np.zeros((shapes[-1][0], shapes[0][1])) if straight else None,
+    )
+    return UnrolledLags(net)
+
+
 @dataclass(frozen=True, eq=False)
 class UnrolledLags:
     """Free run of a NARX network over its weights, in scaled coordinates."""
 
-    network: MLP  # architecture; its scaling is not used
-    n_outputs: int
+    network: MLP  # architecture; its numbers are not used
     run: Any = None
     derivatives: Any = None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -12,28 +13,12 @@ import numpy as np
 from slipangle.codegen.elimination import elimination_code, stages_pattern
 from slipangle.codegen.expression import emit, preamble
 from slipangle.codegen.integrators import explicit_step
+from slipangle.identify.physics.structure import structure
 from slipangle.models.ode import Parametrised
 from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED
 
 ITERATIONS = 12  # of Newton's method, as in the integrator itself
 WIDE = 8  # derivatives that are added up side by side
-
-
-def _numbers(model: Parametrised, names: tuple[str, ...], free: tuple[str, ...]) -> tuple[str, ...]:
-    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values.
-
-    One that is zero and stays so is none, as a whole effect may go with it.
-    """
-    others = tuple(n for n in names if n not in free and model.value(n) != 0)
-    try:
-        varied = model.with_values(**{n: ca.SX.sym(n) for n in (*free, *others)})
-        x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", width(model))
-        u = varied.drive(w)
-        varied.ode.derivative(x, u)
-        varied.ode.output(x, u)
-    except (RuntimeError, NotImplementedError, TypeError, ValueError):
-        return free
-    return (*free, *others)
 
 
 def width(model: Any) -> int:
@@ -56,19 +41,73 @@ class Code:
     rest: np.ndarray
 
 
-def code_of(model: Any, free: tuple[str, ...]) -> Code:
-    """C of the free run of a parametrised model."""
-    known = _numbers(model, model.parameter_names, free)
-    ode, n_p = model.ode, len(free)
+def code_of(model: Parametrised, free: tuple[str, ...]) -> Code:
+    """C of the free run of a parametrised model, written once for all that differ in values of parameters only."""
+    # A parameter that is zero and stays so becomes no symbol, as a whole effect may go with it.
+    others = tuple(n for n in model.parameter_names if n not in free and model.value(n) != 0)
+    known, made = (*free, *others), None
+    try:
+        key = structure(_with_symbols(model, known))
+    except _CLOSED:
+        pass  # what else there may be between its fields and its equations is not known
+    else:
+        made = _fitting_any(_Written((free, key), model, free, others))
+    if made is None:
+        known = _numbers(model, free, others)
+        made = _code_of(model, len(free), known)
+    body, drive, places = made
+    return Code(body, drive, places, np.array([model.value(n) for n in known[len(free) :]]))
+
+
+@dataclass(frozen=True)
+class _Written:
+    """Code to be written; it is the same where ``key`` is, which has all but the values of parameters."""
+
+    key: tuple[Any, ...]
+    model: Any = field(compare=False)
+    free: tuple[str, ...] = field(compare=False)
+    others: tuple[str, ...] = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _fitting_any(written: _Written) -> tuple[str, str, np.ndarray] | None:
+    """See `_code_of`; None where the equations need values of the other parameters."""
+    model, free, others = written.model, written.free, written.others
+    known = (*free, *others)
+    return _code_of(model, len(free), known) if _numbers(model, free, others) == known else None
+
+
+_CLOSED = RuntimeError, NotImplementedError, TypeError, ValueError  # of equations that branch on a parameter
+
+
+def _numbers(model: Parametrised, free: tuple[str, ...], others: tuple[str, ...]) -> tuple[str, ...]:
+    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values."""
+    try:
+        varied: Any = _with_symbols(model, (*free, *others))
+        x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", width(model))
+        u = varied.drive(w)
+        varied.ode.derivative(x, u)
+        varied.ode.output(x, u)
+    except _CLOSED:
+        return free
+    return (*free, *others)
+
+
+def _with_symbols(model: Any, names: tuple[str, ...]) -> Any:
+    return model.with_values(**{name: ca.SX.sym(name) for name in names})
+
+
+def _code_of(model: Any, n_free: int, known: tuple[str, ...]) -> tuple[str, str, np.ndarray]:
+    """Run, drive and places of `Code`, of a model whose ``known`` parameters are symbols, the first ``n_free`` free."""
+    ode = model.ode
     x, w, p = ca.SX.sym("x", ode.n_states), ca.SX.sym("w", width(model)), ca.SX.sym("p", len(known))
     varied = model.with_values(**{name: p[i] for i, name in enumerate(known)})
     u = varied.drive(w)
     felt = ca.SX.sym("u", u.shape[0])
     of_felt = varied.ode.derivative(x, felt), varied.ode.output(x, felt)
     drive, places = drive_of(w, ca.densify(u), p)
-    moved = np.asarray(_used(ca.jacobian(u, p))[:, :n_p].any(axis=1))
-    body = text_of((x, felt, p), *of_felt, n_p, ode.method, moved)
-    return Code(body, drive, places, np.array([model.value(n) for n in known[n_p:]]))
+    moved = np.asarray(_used(ca.jacobian(u, p))[:, :n_free].any(axis=1))
+    return text_of((x, felt, p), *of_felt, n_free, ode.method, moved), drive, places
 
 
 def drive_of(w: ca.SX, u: Any, p: ca.SX) -> tuple[str, np.ndarray]:

@@ -162,22 +162,26 @@ class FreeRunProblem:
         places = self.columns(i)[: len(self.free)]
         return np.clip(z[places] * self.scale[places], *self.ranges[:, places])
 
-    def initial(self, i: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State at the first sample of experiment ``i``, and its derivatives by `columns`."""
-        slope = np.zeros((self.n_x, len(self.free) + self.n_x0))
+    def first_state(self, i: int, z: np.ndarray) -> np.ndarray:
+        """State at the first sample of experiment ``i``, shape (n_x,)."""
         if self.n_x0:
             places = self.columns(i)[len(self.free) :]
+            return z[places] * self.scale[places]
+        return self._read_state(i, self.parameters(i, z)) if self.moving else self.fixed_x0[i]
+
+    def initial(self, i: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and its derivatives by `columns`."""
+        slope = np.zeros((self.n_x, len(self.free) + self.n_x0))
+        if self.n_x0:
             slope[:, len(self.free) :] = np.eye(self.n_x)
-            return z[places] * self.scale[places], slope
-        if not self.moving:
-            return self.fixed_x0[i], slope
+            return self.first_state(i, z), slope
         p = self.parameters(i, z)
         for j in self.moving:
             meta, h = self.model.si(self.free[j]), 1e-5 * max(abs(p[j]), 1e-2)
             ends = [float(np.clip(p[j] + s * h, meta.lower, meta.upper)) for s in (-1, 1)]
             states = [self._read_state(i, np.concatenate([p[:j], [end], p[j + 1 :]])) for end in ends]
             slope[:, j] = (states[1] - states[0]) / (ends[1] - ends[0])
-        return self._read_state(i, p), slope
+        return self.first_state(i, z), slope
 
     def with_parameters(self, i: int, z: np.ndarray) -> Any:
         """The model of experiment ``i``."""
@@ -214,9 +218,9 @@ class FreeRunProblem:
     def errors(self, z: np.ndarray, rows: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
         """Weighted errors of each experiment in turn, shape (n, n_outputs), driven by ``rows``, without derivatives."""
         for i, y in enumerate(self.measured):
-            x0, slope = self.initial(i, z)
+            x0, none = self.first_state(i, z), np.zeros((self.n_x, 0))
             with np.errstate(over="ignore", invalid="ignore"):
-                yield (self.run(x0, slope[:, :0], rows[i], self.parameters(i, z))[1:, :, 0] - y[1:]) / self.sigma
+                yield (self.run(x0, none, rows[i], self.parameters(i, z))[1:, :, 0] - y[1:]) / self.sigma
 
     def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted errors, shape (n_rows * n_outputs,), and their Jacobian over z."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError, nearest
@@ -201,8 +201,8 @@ def _delay(parts: list[Dataset], u_name: str, y_name: str, n: int) -> int:
         return 0
     total, power, length = np.zeros(most + 1), np.zeros(2), 0
     for part in parts:
-        u, y = (signal.detrend(part[name]) for name in (u_name, y_name))
-        total += signal.correlate(y, u, mode="full", method="fft")[len(u) - 1 : len(u) + most]
+        u, y = (scipy.signal.detrend(part[name]) for name in (u_name, y_name))
+        total += scipy.signal.correlate(y, u, mode="full", method="fft")[len(u) - 1 : len(u) + most]
         power += np.array([u @ u, y @ y])
         length += len(u)
     size = np.abs(total) / max(float(np.sqrt(np.prod(power))), 1e-300)
@@ -215,7 +215,7 @@ def _delay(parts: list[Dataset], u_name: str, y_name: str, n: int) -> int:
 def _spectra(x: np.ndarray, n: int) -> np.ndarray:
     """Spectra of half-overlapping windows, shape (n_segments, n // 2 + 1)."""
     rows = np.lib.stride_tricks.sliding_window_view(x, n)[:: n // 2]
-    return np.fft.rfft(signal.detrend(rows) * signal.get_window("hann", n))
+    return np.fft.rfft(scipy.signal.detrend(rows) * scipy.signal.get_window("hann", n))
 
 
 def per(above: str, below: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import special, stats
+import scipy
+from scipy import special
 
 from slipangle.numerics.critical import require_level
 
@@ -12,7 +13,7 @@ _CLEAR = 200.0  # squared distance from zero in variances, from which the error 
 
 def student(freedom: float, level: float = 0.95) -> float:
     """Half width of an interval in estimated standard deviations, over that of the normal law in true ones."""
-    return float(stats.t.isf((1 - level) / 2, freedom) / stats.norm.isf((1 - level) / 2))
+    return float(scipy.stats.t.isf((1 - level) / 2, freedom) / scipy.stats.norm.isf((1 - level) / 2))
 
 
 def gain_limits(s: np.ndarray, freedom: float, level: float) -> np.ndarray:
@@ -28,8 +29,8 @@ def gain_limits(s: np.ndarray, freedom: float, level: float) -> np.ndarray:
     .. [1] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., 2010.
     """
     require_level(level)
-    half = float(stats.t.isf((1 - level) / 2, freedom))
-    tail = float(stats.norm.sf(half))
+    half = float(scipy.stats.t.isf((1 - level) / 2, freedom))
+    tail = float(scipy.stats.norm.sf(half))
     with np.errstate(divide="ignore"):
         square = 1 / s**2
     near = np.where(square < 2 * _CLEAR, square, 1.0)
@@ -51,6 +52,6 @@ def phase_half(s: np.ndarray, freedom: float, level: float) -> np.ndarray:
     """
     require_level(level)
     with np.errstate(divide="ignore"):
-        told = 0.5 / s**2 > stats.f.isf(1 - level, 2, freedom)
-    reach = np.minimum(stats.t.isf((1 - level) / 2, freedom) * s, 1.0)
+        told = 0.5 / s**2 > scipy.stats.f.isf(1 - level, 2, freedom)
+    reach = np.minimum(scipy.stats.t.isf((1 - level) / 2, freedom) * s, 1.0)
     return np.where(told, np.arcsin(reach), np.pi)

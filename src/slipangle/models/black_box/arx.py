@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from slipangle.errors import ParameterError
 from slipangle.models.black_box import arx_code
@@ -100,7 +100,7 @@ class ARXModel(LaggedModel):
         still = np.array([-denominator[i + 1 :] @ past_y[: self.na - i] for i in range(self.na)])
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable model; `simulate` says where
             driven = sum(_filtered(taps, past_u[:, j], drive[:, j]) for j, taps in enumerate(self._taps[0]))
-            return np.asarray(lfilter([1.0], denominator, driven + self.c[0], zi=still)[0])[:, None]
+            return np.asarray(scipy.signal.lfilter([1.0], denominator, driven + self.c[0], zi=still)[0])[:, None]
 
     def with_estimates(self, values: np.ndarray) -> Self | None:
         """Coefficients by the regressors that the fit names; None without a fit that names them all."""
@@ -137,4 +137,4 @@ def _filtered(taps: np.ndarray, past: np.ndarray, u: np.ndarray) -> np.ndarray:
     if len(taps) == 1:
         return taps[0] * u
     start = np.array([taps[i + 1 :] @ past[: len(past) - i] for i in range(len(past))])
-    return np.asarray(lfilter(taps, 1.0, u, zi=start)[0])
+    return np.asarray(scipy.signal.lfilter(taps, 1.0, u, zi=start)[0])

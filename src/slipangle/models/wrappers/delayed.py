@@ -161,10 +161,11 @@ class Delayed(Parametrised, Wrapper):
 
     def with_values(self, **values: Any) -> Self:
         """A copy with some parameters or delays replaced (numbers or symbols)."""
-        for name in values:
+        inside = {*self.model.parameter_names}
+        for name in (n for n in values if n not in inside):
             self.si(name)
         late = {n: values.get(f"{_PREFIX}{n}", v) for n, v in self.delays.items()}
-        own = {n: v for n, v in values.items() if n in self.model.parameter_names}
+        own = {n: v for n, v in values.items() if n in inside}
         return replace(self, model=self.model.with_values(**own), delays=late, fit_info=None)
 
     def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:

@@ -6,7 +6,7 @@ from numbers import Real
 from typing import Annotated, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
@@ -303,7 +303,8 @@ class OffsetModel(Wrapper):
                 *taps, left = lag_weights(self.lags[name] / self.dt)
                 rest = np.array([1.0 - taps[0], taps[2]])
                 parts = [values[a:b] for a, b in zip(data.starts, data.stops, strict=True)]
-                values = np.concatenate([lfilter(taps, [1, -left], part, zi=rest * part[0])[0] for part in parts])
+                runs = (scipy.signal.lfilter(taps, [1, -left], part, zi=rest * part[0])[0] for part in parts)
+                values = np.concatenate(list(runs))
             seen = seen.with_channel(name, values, data.unit(name))
         for name, value in self.outputs_at_zero.items():
             seen = seen.with_channel(name, data[name] - value, data.unit(name))

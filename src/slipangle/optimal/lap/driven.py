@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.data.race import with_position
@@ -299,6 +299,6 @@ def between_corners(v: np.ndarray, rise: float) -> np.ndarray:
     """
     count = len(v) - 1
     around = np.concatenate([v[:-1], v[:-1], v[:-1]])
-    peaks, _ = signal.find_peaks(around, prominence=rise)
+    peaks, _ = scipy.signal.find_peaks(around, prominence=rise)
     inside = peaks[(peaks >= count) & (peaks < 2 * count)] - count
     return inside[(inside > 0) & (inside < count)]
