@@ -16,7 +16,8 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 _DRIFT = (
     "fits to the free run ended at poles outside the unit circle, as drifts and offsets of the data make them, and run "
     "no better over held-out data than with poles held inside; one is at the circle now, and no interval counts that; "
-    "expected data without a drift: remove it, or ask for offsets='output'; or give max_radius"
+    "right for a system that integrates, else expected data without a drift: remove it, ask for offsets='output', or "
+    "give max_radius"
 )
 
 
