@@ -46,7 +46,8 @@ MUTANTS = [
         "identify/linear/delays.py",
         "identify/linear/test_delays.py",
         [
-            ("delays: the loop is not looked for", "loop = first == 0 and", "loop = False and"),
+            ("delays: the loop is not looked for", "if found[i] == 0:", "if False:"),
+            ("delays: a loop that past outputs show is no hint", "_STRONG * _answers", "0 * _answers"),
             ("delays: counted from the oldest lag", "np.cumsum(rise[::-1] / left", "np.cumsum(rise / left"),
         ],
     ),

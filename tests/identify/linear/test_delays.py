@@ -88,20 +88,56 @@ def test_no_direct_path_is_made_of_noise(like, seed):
     assert ARX(offset=True).fit(made((1, 2), seed=seed, **like)[0]).nk >= 1
 
 
-@pytest.mark.parametrize("wanted", ["steps", "smooth"])
-def test_a_controller_that_answers_the_output_is_no_direct_path(wanted):
+def looped(seed, wanted, *, n=1500, gain=2.0, integral=0.0, direct=0.0, old=False):
+    """A first-order plant under control, which acts on the output of the same sample or of the one before."""
+    rng = np.random.default_rng(seed)
+    e, steps = 0.3 * rng.standard_normal(n), np.repeat(rng.standard_normal(n // 25), 25)
+    kinds = {"steps": steps, "smooth": lfilter([0.2], [1.0, -0.8], steps), "white": rng.standard_normal(n)}
+    r, total = kinds[wanted], 0.0
+    x, u, y = np.zeros((3, n))
+    for k in range(n):
+        x[k] = 0.9 * x[k - 1] + 0.3 * u[k - 1]
+        if old:
+            u[k] = gain * (r[k] - y[k - 1])
+        y[k] = x[k] + direct * u[k] + e[k]
+        if not old:
+            total += integral * (r[k] - y[k])
+            u[k] = gain * (r[k] - y[k] + total)
+    return Dataset.from_arrays({"u": u}, {"y": y}, 0.1, name="looped")
+
+
+@pytest.mark.parametrize("integral", [0.0, 0.2])
+@pytest.mark.parametrize("wanted", ["steps", "smooth", "white"])
+def test_a_controller_that_answers_the_output_is_no_direct_path(wanted, integral):
     """It acts on the output of the same sample, the plant one sample later."""
     for seed in range(5):
+        assert first_effects(looped(seed, wanted, integral=integral), ("u",))[0] in (1, 2)
+
+
+@pytest.mark.parametrize("direct", [0.5, 1.0])
+def test_a_direct_path_is_seen_beside_a_controller_that_answers_the_sample_before(direct):
+    found = [first_effects(looped(s, "white", gain=0.5, direct=direct, old=True), ("u",)) for s in range(5)]
+    assert found == [(0,)] * 5
+
+
+def test_models_of_a_plant_under_control_have_no_direct_path():
+    data = looped(0, "white")
+    assert ARX().fit(data).nk == 1
+    assert not StateSpace(order=(1, 2)).choose_order(data).direct
+
+
+def test_a_loop_about_one_input_hides_no_direct_path_of_another():
+    """The present of an input that answers the outputs tells of them what the other one does."""
+    for seed in range(5):
         rng = np.random.default_rng(seed)
-        e = 0.3 * rng.standard_normal(1500)
-        steps = np.repeat(rng.standard_normal(60), 25)
-        r = steps if wanted == "steps" else lfilter([0.2], [1.0, -0.8], steps)
+        w = rng.standard_normal(1500)
         x, u, y = np.zeros((3, 1500))
         for k in range(1500):
             x[k] = 0.9 * x[k - 1] + 0.1 * u[k - 1]
-            y[k] = x[k] + e[k]
-            u[k] = 2 * (r[k] - y[k])
-        assert first_effects(Dataset.from_arrays({"u": u}, {"y": y}, 0.1), ("u",)) == (1,)
+            y[k] = x[k] + 0.5 * w[k] + 0.3 * rng.standard_normal()
+            u[k] = 2 * (rng.standard_normal() - y[k])
+        both = Dataset.from_arrays({"u": u, "w": w}, {"y": y}, 0.1, name="looped")
+        assert first_effects(both, both.inputs) == (1, 0)
 
 
 def test_the_steering_of_a_model_at_several_speeds_may_be_late():

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
-from slipangle.identify.linear import polynomial
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
+from slipangle.identify.linear.polynomial_search import Layout, Structured
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.models.black_box.polynomial import PolynomialModel, one
 
@@ -111,9 +111,9 @@ def test_derivatives_are_those_of_the_cost(case, offset):
     data = join(*(record(true, n, n, 0.5, level=2.0 * offset) for n in (200, 150)))
     wanted = settings(true, offset=offset)
     theta = vector(true) * (1 + 0.05 * np.random.default_rng(0).standard_normal(len(vector(true))))
-    layout = polynomial._Layout(wanted, data)
+    layout = Layout(wanted, data)
     start = layout.model(theta, data, np.array([0.1, 0.2]) * offset, 1.5 * offset)
-    problem = polynomial._Structured(wanted, layout, start, theta, data)
+    problem = Structured(wanted, layout, start, theta, data)
     point = problem._with_initial_states(problem.point)
     work, moves = problem.linearise(point)
     d = moves.shape[1]
@@ -261,7 +261,14 @@ def test_bad_orders_and_data():
 
 
 @pytest.mark.parametrize(
-    "estimator", [OutputError(nf=1, nb=1), BoxJenkins(nf=1, nb=1), StateSpace(order=1, max_radius=1)]
+    "estimator",
+    [
+        OutputError(nf=1, nb=1, max_radius=1),
+        BoxJenkins(nf=1, nb=1, max_radius=1),
+        StateSpace(order=1, max_radius=1),
+        OutputError(nf=1, nb=1),
+        BoxJenkins(nf=1, nb=1),
+    ],
 )
 @pytest.mark.parametrize(("pole", "beyond"), [(0.98, False), (0.999, False), (1.005, True), (1.02, True)])
 def test_a_pole_that_is_held_is_said_to_be(estimator, pole, beyond):
@@ -272,11 +279,95 @@ def test_a_pole_that_is_held_is_said_to_be(estimator, pole, beyond):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         warnings.simplefilter("ignore", IdentifiabilityWarning)
-        said = estimator.fit(data).fit_info.warnings
-    assert ["a pole ends at the limit of 1:" in s for s in said] == [True] * beyond
+        model = estimator.fit(data)
+    said = ["a pole ends at the limit of 1:" in s for s in model.fit_info.warnings]
+    assert any(said) == (beyond and estimator.max_radius == 1)
+    assert estimator.max_radius == 1 or model.poles == pytest.approx([pole], abs=1e-3)
 
 
 def test_a_radius_beyond_one_that_an_f_cannot_have_is_refused():
     data = Dataset.from_arrays({"u": np.ones(50)}, {"y": np.arange(50.0)}, 0.1)
     with pytest.raises(ParameterError, match=r"max_radius is 1\.05; expected at most 1 with an F"):
         OutputError(nf=1, nb=1, max_radius=1.05).fit(data)
+
+
+# ---- unstable systems ------------------------------------------------------------------------------------------------
+
+FAST, SLOW = 1.1, 0.6  # poles
+
+
+def held_by_a_controller(seed, *, colour=0.0, n=1500, level=0.0, inputs=1):
+    """A system with a pole outside the unit circle under feedback, with white or coloured noise on its output."""
+    rng = np.random.default_rng(seed)
+    v = lfilter([1.0], [1.0, -colour], 0.3 * rng.standard_normal(n))
+    r, (x, y), u = rng.standard_normal((n, inputs)), np.zeros((2, n)), np.zeros((n, inputs))
+    _, a1, a2 = np.poly([FAST, SLOW])
+    for k in range(n):
+        if k > 1:
+            x[k] = -a1 * x[k - 1] - a2 * x[k - 2] + u[k - 1] @ [1.0, 0.4][:inputs] + u[k - 2] @ [0.5, 0.0][:inputs]
+        y[k] = x[k] + v[k]
+        u[k] = r[k] - 0.35 * y[k] * np.eye(1, inputs)[0]
+    names = [f"u{i}" for i in range(inputs)]
+    return Dataset.from_arrays(dict(zip(names, u.T + 2 * level, strict=True)), {"y": y + level}, 0.1, name="held")
+
+
+@pytest.mark.filterwarnings("ignore:the model is unstable")
+@pytest.mark.parametrize("level", [0.0, 3.0])
+@pytest.mark.parametrize(
+    ("estimator", "colour"),
+    [(OutputError(), 0.0), (BoxJenkins(), 0.0), (BoxJenkins(), 0.8)],
+    ids=["OE", "BJ", "BJ, AR"],
+)
+def test_poles_outside_the_unit_circle_are_found_with_their_intervals(estimator, colour, level):
+    """A is their part of F, and that of C is the same, mirrored (Forssell and Ljung, 2000)."""
+    off = []
+    for seed in range(6):
+        model = replace(estimator, offset=bool(level)).fit(held_by_a_controller(seed, colour=colour, level=level))
+        info = model.fit_info
+        assert info.names[:4] == ("a1", "b1[u0]", "b2[u0]", "f1[u0]")
+        off.append((info.values[:4] - [-FAST, 1.0, 0.5, -SLOW]) / info.std[:4])
+        mirrored = np.roots(one(model.C))
+        assert np.abs(mirrored + 1 / model.A[0]).min() < 1e-6
+        again = model.with_estimates(info.values)
+        assert again.poles == pytest.approx(model.poles)
+    assert np.abs(off).max() < 4
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+@pytest.mark.filterwarnings("ignore:the model is unstable")
+def test_the_predictor_of_an_unstable_output_error_model_is_that_of_the_paper():
+    """Errors of one step are ``F_u / F_m (y - B / F u)``, by filters; eq. 12 with F = F_s F_u and F_m mirrored."""
+    data = held_by_a_controller(3)
+    model = OutputError().fit(data)
+    outside, inside = one(model.A), one(model.F[0])
+    mirrored = np.array([1.0, 1 / model.A[0]])
+    y, u = data["y"], data["u0"]
+    error = lfilter(outside, mirrored, y) - lfilter([0.0, *model.B[0]], np.convolve(inside, mirrored), u)
+    run = model.predict(data)
+    assert run.error[200:, 0] == pytest.approx(error[200:], abs=1e-6)
+    assert np.std(error[200:]) == pytest.approx(0.3 * FAST, rel=0.06)
+
+
+@pytest.mark.filterwarnings("ignore:the model is unstable")
+def test_inputs_share_the_pole_outside():
+    model = OutputError().fit(held_by_a_controller(0, inputs=2))
+    assert np.sort(np.abs(model.poles)) == pytest.approx([SLOW, SLOW, FAST, FAST], abs=0.05)
+
+
+@pytest.mark.parametrize("pole", [0.99, 1.0])
+def test_no_pole_is_outside_of_a_stable_or_integrating_system(pole):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        u, e = rng.standard_normal((2, 1500))
+        y = lfilter([0.0, 1.0, 0.3], np.poly([pole, 0.5]), u)
+        data = Dataset.from_arrays({"u": u}, {"y": y + 0.1 * np.std(y) * e}, 0.1)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "a pole ends at the limit")
+            assert not len(OutputError().fit(data).A)
+
+
+def test_who_limits_the_poles_means_it():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        model = OutputError(max_radius=1.0).fit(held_by_a_controller(0))
+    assert np.abs(model.poles).max() <= 1 + 1e-12

@@ -47,6 +47,8 @@ class OrderChoice(Shown):
     candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
     direct: bool = False  # whether outputs depend on inputs of the same sample
     waits: tuple[int, ...] = ()  # samples of each input's delay that are no part of the order
+    outside: bool = False  # whether a refined model has a pole outside the unit circle
+    inside: bool = False  # whether poles are held inside the unit circle, which was not asked for
 
     def _words(self) -> str:
         return self.said
@@ -54,7 +56,8 @@ class OrderChoice(Shown):
     @property
     def said(self) -> str:
         """What was done, for the method's line."""
-        return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}"
+        held = ", poles held inside the unit circle, which runs better there" if self.inside else ""
+        return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}{held}"
 
 
 class Judged(NamedTuple):

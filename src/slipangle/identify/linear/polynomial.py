@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import time
-from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Count, Radius, Whole
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.arx import per_input
 from slipangle.identify.linear.colour import shared_colour_said
-from slipangle.identify.linear.estimator import LinearEstimator, channels, described
-from slipangle.identify.linear.pem import PEM
-from slipangle.identify.linear.poles import shrunk
+from slipangle.identify.linear.estimator import LinearEstimator, described
+from slipangle.identify.linear.polynomial_search import Layout, Structured
 from slipangle.identify.linear.polynomial_start import first_guess
-from slipangle.identify.linear.prediction import PredictionCriterion
+from slipangle.identify.linear.polynomial_unstable import better_unstable
 from slipangle.identify.linear.prediction_covariance import covariance
-from slipangle.identify.linear.predictor import Point
 from slipangle.identify.stability import held, noted
-from slipangle.models.black_box.polynomial import PolynomialModel, realise
+from slipangle.models.black_box.polynomial import PolynomialModel
 from slipangle.numerics.blas import one_blas_thread
 
+_SPLIT = "; F has roots outside the unit circle, which are those of A here, and mirrored those of C too"
 _MORE = "give more coefficients (nc, na), or use OutputError, BoxJenkins or StateSpace"
 
 
@@ -35,7 +30,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error.
 
     Starts from a long ARX model, then Levenberg-Marquardt with exact derivatives; the initial state of every
-    experiment is estimated along. One output, any number of inputs.
+    experiment is estimated along ([1]_). One output, any number of inputs.
 
     Parameters
     ----------
@@ -52,7 +47,15 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     max_iterations : int
         Steps at most.
 
-    Source: L. Ljung, System Identification, 2nd ed., 1999, ch. 4, 7.
+    With F and without A and ``max_radius``, roots of F outside the unit circle, as of an unstable system under control,
+    are looked for where a long ARX model has one: they are those of the model's A then, and mirrored those of C, which
+    makes the predictor stable ([2]_). All inputs share them.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999, ch. 4, 7.
+    .. [2] U. Forssell, L. Ljung, Identification of unstable systems using output error and Box-Jenkins model
+       structures, IEEE Transactions on Automatic Control 45, 2000.
     """
 
     na: Whole = 0
@@ -68,7 +71,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     _what = "the polynomial model"
 
     def _remarks(self, model: PolynomialModel, data: Dataset) -> tuple[str, ...]:
-        return shared_colour_said(model, data, _MORE) if self.na else ()
+        return shared_colour_said(model, data, _MORE) if len(model.A) else ()
 
     @one_blas_thread()
     def _fit(self, data: Dataset) -> PolynomialModel:
@@ -78,7 +81,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
                 f"'{data.name}' has the outputs {', '.join(data.outputs) or 'none'}; expected one: fit one at a time "
                 "with data.select(outputs=[...]), or use ARX or StateSpace"
             )
-        layout = _Layout(self, data)
+        layout = Layout(self, data)
         if any(layout.nf) and (self.max_radius or 0.0) > 1:
             raise ParameterError(
                 f"max_radius is {self.max_radius:g}; expected at most 1 with an F, as the free-run error of an "
@@ -89,8 +92,12 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
         later, led = layout.waiting(data)
         theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
-        problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
+        problem = Structured(self, later, later.model(theta, led, u0, y0), theta, led)
         point, notes = problem.solve(self.max_iterations)
+        within = self
+        if found := better_unstable(self, later, (problem, point), led, u0, y0):
+            problem, point, within, notes = found
+            layout = Layout(replace(within, nk=self.nk), data)
         coefficients = problem.theta_of(point)
         spread, sigma, said = covariance(problem, point)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
@@ -102,10 +109,13 @@ class Polynomial(LinearEstimator[PolynomialModel]):
             covariance=spread,
             noise_std=sigma,
             n_samples=led.n_samples,
-            method=f"one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; {said}",
+            method=f"one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; {said}"
+            + _SPLIT * (within is not self),
             warnings=notes,
         )
         model = replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
+        if within is not self:
+            return model
         return noted(model, held(model.poles, 1.0 if any(layout.nf) and self.max_radius is None else self.max_radius))
 
 
@@ -164,7 +174,6 @@ class OutputError(_Special):
     """
 
     nf: Whole | tuple[Whole, ...] = 2
-    max_radius: Radius | None = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,136 +191,3 @@ class BoxJenkins(_Special):
     nc: Whole = 1
     nd: Whole = 1
     nf: Whole | tuple[Whole, ...] = 2
-
-
-class _Layout:
-    """Where each coefficient is in the vector: A, then B and F of each input, then C and D."""
-
-    def __init__(self, settings: Polynomial, data: Dataset) -> None:
-        nu = len(data.inputs)
-        self.na, self.nc, self.nd = settings.na, settings.nc, settings.nd
-        self.nb, self.nf, self.nk = (per_input(getattr(settings, n), n, data) for n in ("nb", "nf", "nk"))
-        self.count = self.na + sum(self.nb) + sum(self.nf) + self.nc + self.nd
-        self.nu = nu
-
-    def waiting(self, data: Dataset) -> tuple[_Layout, Dataset]:
-        """The same with delays of at least 1, for data in which inputs that act at once come one sample earlier."""
-        ahead = [data.index(n) for n, k in zip(data.inputs, self.nk, strict=True) if k == 0]
-        if not ahead:
-            return self, data
-        later = copy(self)
-        later.nk = tuple(max(k, 1) for k in self.nk)
-        pieces, starts, times = [], [], []
-        for a, b, t0 in zip(data.starts, data.stops, data.start_times, strict=True):
-            if b - a < 2:
-                continue
-            rows = np.array(data.values[a : b - 1])
-            rows[:, ahead] = data.values[a + 1 : b, ahead]
-            starts.append(sum(map(len, pieces)))
-            times.append(t0)
-            pieces.append(rows)
-        return later, replace(data, values=np.vstack(pieces), starts=tuple(starts), start_times=tuple(times))
-
-    def parts(self, theta: np.ndarray) -> dict[str, Any]:
-        pieces = np.split(theta, np.cumsum([self.na, *self.nb, *self.nf, self.nc, self.nd])[:-1])
-        A, *both, C, D = pieces
-        return {"A": A, "B": both[: self.nu], "F": both[self.nu :], "C": C, "D": D}
-
-    def names(self, data: Dataset) -> tuple[str, ...]:
-        """Such as ``a1``, ``b1[delta]``."""
-        labels = [f"a{i + 1}" for i in range(self.na)]
-        for letter, counts, first in (("b", self.nb, self.nk), ("f", self.nf, (1,) * self.nu)):
-            for name, count, start in zip(data.inputs, counts, first, strict=True):
-                labels += [f"{letter}{i + start}[{name}]" for i in range(count)]
-        return (*labels, *(f"c{i + 1}" for i in range(self.nc)), *(f"d{i + 1}" for i in range(self.nd)))
-
-    def model(self, theta: np.ndarray, data: Dataset, u0: np.ndarray, y0: float) -> PolynomialModel:
-        return PolynomialModel(**self.parts(theta), nk=self.nk, u_offset=u0, y_offset=y0, **channels(data))
-
-
-class _Structured(PredictionCriterion):
-    """The prediction-error criterion over coefficients: the predictor is affine in them."""
-
-    def __init__(
-        self, settings: Polynomial, layout: _Layout, start: PolynomialModel, theta: np.ndarray, data: Dataset
-    ) -> None:
-        self.layout, self.theta, self.polynomial = layout, theta, settings
-        base = self._predictor(np.zeros(layout.count))
-        columns = [
-            np.concatenate([(v - w).ravel() for v, w in zip(self._predictor(unit), base, strict=True)])
-            for unit in np.eye(layout.count)
-        ]
-        self.by_theta = np.array(columns).T.reshape(-1, layout.count)
-        if settings.offset:
-            wide: Any = linalg.block_diag(self.by_theta, np.ones((1, 1)))
-            self.by_theta = wide
-        super().__init__(
-            PEM(start=start.realisation, offsets="output" if settings.offset else "none", direct=False), data
-        )
-
-    def _predictor(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        A, B, C, K = realise(nk=self.layout.nk, **self.layout.parts(theta))
-        return A - K @ C, B, K
-
-    def _matrices(self, direct: bool) -> tuple[str, ...]:
-        return ("F", "G", "K")
-
-    def _n_determined(self) -> int:
-        return self.layout.count
-
-    def _first(self, direct: bool) -> Point:
-        start = self.settings.start
-        F, G, K = self._predictor(self.theta)
-        return Point(
-            F=F,
-            G=G,
-            C=np.array(start.C),
-            D=np.zeros((self.ny, self.nu)),
-            K=K,
-            u_offset=np.array(start.u_offset),
-            y_offset=np.array(start.y_offset),
-            x0=np.zeros((len(self.data.starts), self.n)),
-        )
-
-    def _moves(self, point: Point) -> np.ndarray:
-        return self.by_theta
-
-    def as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
-        return np.eye(moves.shape[1])
-
-    def _descend(
-        self, point: Point, max_iterations: int, tolerance: float, damping: float
-    ) -> tuple[Point, tuple[str, ...]]:
-        """Where the model has several parts, their initial states have the output's variance as their prior.
-
-        Without one, where two parts have nearly the same pole, their initial states grow against each other to explain
-        the first samples, and the search gets stuck there.
-        """
-        if self.layout.nd == 0 and not any(self.layout.nf):
-            return super()._descend(point, max_iterations, tolerance, damping)
-        rest = self.moments(self._with_initial_states(point))
-        noise = np.sqrt(float(np.trace(self.root @ rest @ self.root.T)) / self.n_rows)
-        self.x0_weight = np.full(self.n, noise / float(self.size[0]))
-        return super()._descend(point, max_iterations, tolerance, damping)
-
-    def moved(self, point: Point, theta: np.ndarray, x0: np.ndarray) -> Point:
-        """The point after a step; infinite cost where the predictor is unstable or the poles leave the limit."""
-        new = super().moved(point, theta, x0)
-        limit = self.polynomial.max_radius
-        A = new.F + new.K @ new.C
-        if np.isfinite(A).all():
-            past = limit is not None and shrunk(A, limit) is not A
-            if past or shrunk(new.F, 1.0) is not new.F:  # roots of C and F, which the errors go through
-                return replace(new, F=np.full_like(new.F, np.nan))
-        return new
-
-    def projected(self, point: Point) -> Point:
-        """The point itself: the coefficients enter F and G or K together."""
-        return point
-
-    def theta_of(self, point: Point) -> np.ndarray:
-        """Coefficients of a point."""
-        now = np.concatenate([getattr(point, k).ravel() for k in ("F", "G", "K")])
-        then = np.concatenate([getattr(self.point, k).ravel() for k in ("F", "G", "K")])
-        count = self.layout.count
-        return self.theta + np.linalg.lstsq(self.by_theta[: len(now), :count], now - then, rcond=None)[0]

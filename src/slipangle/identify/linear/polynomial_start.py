@@ -35,7 +35,7 @@ def first_guess(
     parts = data.experiments
     u: list[Signals] = [[part.u[:, i] - u0[i] for part in parts] for i in range(len(nb))]
     y: Signals = [part.y[:, 0] - y0 for part in parts]
-    long = _long_arx(data, u0, y0, settings, max(*nb, *nf, settings.na, settings.nc, settings.nd), max(nk))
+    long = long_arx(data, u0, y0, settings, max(*nb, *nf, settings.na, settings.nc, settings.nd), max(nk))
     innovation = [_residual(long, [s[e] for s in u], y[e]) for e in range(len(y))]
     if settings.nd == 0 and not any(nf):  # ARMAX: one linear regression
         columns = [(y, range(1, settings.na + 1), -1.0)]
@@ -53,15 +53,16 @@ def first_guess(
         numerators.append(b)
         denominators.append(f)
         rest = [r - _filter(np.r_[np.zeros(nk[i]), b], one(f), s) for r, s in zip(rest, u[i], strict=True)]
-    if settings.max_radius is not None:
-        denominators = [_reflected(f, 0.98 * settings.max_radius) for f in denominators]
+    limit = settings.max_radius if settings.nc + settings.nd or settings.max_radius is not None else 1.0
+    if limit is not None:
+        denominators = [_reflected(f, 0.98 * limit) for f in denominators]
     columns = [(rest, range(1, settings.nd + 1), -1.0), (innovation, range(1, settings.nc + 1), 1.0)]
     theta = _regress(rest, columns) if settings.nd + settings.nc else np.zeros(0)
     d, c = _reflected(theta[: settings.nd]), _reflected(theta[settings.nd :])
     return np.concatenate([np.zeros(settings.na), *numerators, *denominators, c, d])
 
 
-def _long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: Any, order: int, nk: int) -> ARXModel:
+def long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: Any, order: int, nk: int) -> ARXModel:
     """ARX with as many lags as the data bear."""
     centred = data
     for name, level in zip((*data.inputs, *data.outputs), (*u0, y0), strict=True):

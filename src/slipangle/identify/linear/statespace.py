@@ -14,6 +14,7 @@ from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.delays import delayed
 from slipangle.identify.linear.estimator import criteria
+from slipangle.identify.linear.inside import compared, follows, held_said
 from slipangle.identify.linear.neighbours import Chosen
 from slipangle.identify.linear.order_search import (
     FINISHED,
@@ -26,11 +27,12 @@ from slipangle.identify.linear.order_search import (
     searched,
 )
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
+from slipangle.identify.linear.poles import modulus
 from slipangle.identify.linear.predictor import Work
 from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
 from slipangle.identify.linear.waiting import said, settled, waiting
-from slipangle.identify.stability import breakdown_said, later, noted
+from slipangle.identify.stability import SETTLED, breakdown_said, later, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
@@ -45,7 +47,9 @@ class StateSpace(ScaledEstimator):
 
     A free-run fit without a limit on the poles can end at a model whose free run holds only from the very initial
     state that was estimated along. Where it goes astray from the training data's first samples, the fit is made again
-    with ``max_radius=1``, and says so.
+    with ``max_radius=1``, and says so. Where the order is open and a fit that was compared has a pole outside the unit
+    circle, as drifts and offsets of the data make them, orders are compared with ``max_radius=1`` too, and that is
+    taken unless free runs over held-out data are worse by it.
 
     Parameters
     ----------
@@ -102,8 +106,10 @@ class StateSpace(ScaledEstimator):
             return _told(model, said(bool(settings.direct), waits), began)
         if isinstance(self.order, int):
             return self._usable(data, self.order)
-        choice, model = self._lasting(data, self._compared(data))
+        within, choice = compared(self, data)
+        choice, model = within._lasting(data, choice)
         model = noted(model, later(model.poles, data)) if self.focus == "simulation" else model
+        model = noted(model, held_said(model, choice))
         return _told(model, f"{choice.said}; ", began, candidates=choice.candidates)
 
     @property
@@ -136,10 +142,10 @@ class StateSpace(ScaledEstimator):
         """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
         model = self._of_order(data, order)
         size = float(np.abs(model.poles).max())
-        if self.focus != "simulation" or self.max_radius is not None or size <= 1 or _follows(model, data):
+        if self.focus != "simulation" or self.max_radius is not None or size <= 1 or follows(model, data):
             return model
         held = replace(self, max_radius=1.0)._of_order(data, order)
-        if not _follows(held, data):
+        if not follows(held, data):
             return noted(model, _ASTRAY.format(size=size, what="no stable one does better"))
         return noted(held, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
 
@@ -165,7 +171,7 @@ class StateSpace(ScaledEstimator):
         settings, waits = self._within(scales), dict.fromkeys(data.inputs, 0)
         if self.direct == "chosen":
             settings, waits = settled(settings, scales.data)
-        choice = settings._compared(delayed(scales.data, waits))
+        _, choice = compared(settings, delayed(scales.data, waits))
         return replace(choice, direct=bool(settings.direct), waits=tuple(waits.values()))
 
     def _compared(self, data: Dataset) -> OrderChoice:
@@ -207,7 +213,7 @@ class StateSpace(ScaledEstimator):
         errors, refined, place = searched(judge, shares, effort, alike)
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
-        best = orders[place]
+        best, tried = orders[place], [judged[orders[i]] for i in refined if orders[i] in judged]
         if len(parts) == 1 and best in judged:
             judged[best] = self._finished(judged[best], seen, parts, effort.begin(np.inf))
         at = dict(zip(orders, errors, strict=True))
@@ -223,6 +229,7 @@ class StateSpace(ScaledEstimator):
             holdout=holdout,
             failures=tuple(failures[o] for o in orders if o in failures),
             refined=tuple(orders[i] for i in refined),
+            outside=any(modulus(m.A) > SETTLED for j in tried for m in (j.model, *j.models)),
             candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, at[o])), seen, parts),
         )
 
@@ -387,13 +394,3 @@ def _told(model: StateSpaceModel, first: str, began: float, **found: Any) -> Sta
     info: Any = model.fit_info
     seconds = time.perf_counter() - began
     return replace(model, fit_info=replace(info, method=first + info.method, seconds=seconds, **found))
-
-
-def _follows(model: StateSpaceModel, data: Dataset) -> bool:
-    """Whether free runs over the data err less than twice as much as their means would."""
-    try:
-        run = model._simulate(data)
-    except SlipangleError:
-        return False
-    error = np.mean(run.error[run.predicted] ** 2, axis=0)
-    return bool(np.all(error < 4 * np.maximum(np.var(run.measured, axis=0), 1e-300)))
