@@ -7,7 +7,15 @@ import scipy
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
-from slipangle.data.quality.slow_motion import SPEEDS, offset_of_r, over_the_rear, smoothed, without
+from slipangle.data.quality.slow_motion import (
+    SPEEDS,
+    offset_of_r,
+    over_the_rear,
+    smoothed,
+    speeds_differ,
+    straightness,
+    without,
+)
 from slipangle.data.quality.stuck import stuck
 from slipangle.data.recordings import by_recording, repeated
 
@@ -169,7 +177,9 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
     for low, high, words, wrong in _OF_A_Y:
         if agree >= 0.7 and low < slope < high:
             return [f"a_y is {slope:.2g} {words}"], wrong
-    table = np.column_stack([turn, smooth["v_x"], np.ones(len(turn)), smooth["a_y"]])  # r may have an offset
+    v = smooth["v_x"]
+    zero = [v] if np.ptp(v) > SPEEDS * v.mean() else []  # of r; at one speed it is one of a_y
+    table = np.column_stack([turn, *zero, np.ones(len(turn)), smooth["a_y"]])
     slope, error = coefficient(by_blocks(table, np.repeat(np.arange(len(fast)), [len(part) for part in fast])))
     beyond = _CERTAIN * error < max(_FELT[0] - slope, slope - _FELT[1])
     if "v_y" not in smooth or agree < _SURELY or not beyond:  # without v_y a fit finds the scale
@@ -261,7 +271,7 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     inside = about_means(delta, drives)
     if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
         drives = np.zeros_like(drives)
-    columns, speeds = [delta, -later], float(np.ptp(v)) > SPEEDS * float(v.mean())
+    columns, speeds = [delta, -later], speeds_differ(v, r)
     if speeds:  # understeer, which at one speed cannot be told from the steering's gain
         columns.append(-v * r * wheelbase)
     table = np.column_stack([about_means(column, drives) for column in (*columns, asked)])
@@ -291,6 +301,8 @@ def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
             f"v_y is {turned:.2g} of v_x on a straight: {TURNED} {np.rad2deg(turned):.2g} deg; subtract that share of "
             "v_x from it"
         ]
+    if not speeds_differ(v, smooth["r"]):
+        return []
     squares, told = _slips(smooth, drives)
     if _is_angle(smooth, drives, wheelbase, told):
         return [
@@ -320,7 +332,8 @@ def _turned(smooth: dict[str, np.ndarray], drives: np.ndarray) -> float:
     (zero, sure), v, v_y = offset_of_r(smooth, drives), smooth["v_x"], smooth["v_y"]
     r = smooth["r"] - (zero if abs(zero) > _CERTAIN * sure else 0.0)
     steady = r, -r * v * v, v * rate_of(r, drives), -v * rate_of(v_y, drives), v * (v * r) ** 3
-    value, error = coefficient(by_blocks(np.column_stack([v, *steady, np.ones(len(v)), v_y]), drives))
+    table = np.column_stack([v, *steady, np.ones(len(v)), v_y]) * straightness(v * r)[:, None]
+    value, error = coefficient(by_blocks(table, drives))
     return value if abs(value) > max(_TURNED, 5 * error) else 0.0
 
 

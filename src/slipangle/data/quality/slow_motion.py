@@ -13,6 +13,7 @@ from slipangle.data.quality.spins import spinning
 from slipangle.data.quality.stuck import low_pass, stuck
 
 SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
+_STRAIGHT = 0.2  # of the largest lateral acceleration, up to which a car goes nearly straight
 _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _ANEW = 5  # times that an offset is told, each without the one before
 _SEEN, _SURE = 0.01, 5.0  # rad/s and standard errors, from which r is said to have an offset
@@ -48,8 +49,9 @@ def offset_of_r(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[floa
     """What delta, v_x and understeer do not explain of r, and its standard error; infinite at one speed. [rad/s]
 
     An offset of the steering counts for more the faster the car is, one of the sensor does not. Understeer grows with
-    the square of the lateral acceleration, as that of tires near their limit does: a track that turns one way would
-    else leave it for an offset. How late the car is counts as in the steering's gain.
+    the square of the lateral acceleration, as that of tires near their limit does, and bends count for less than
+    straights: a track that turns one way would else leave what bends do for an offset. How late the car is counts as in
+    the steering's gain.
     """
     v, r, delta = smooth["v_x"], smooth["r"], over_the_rear(smooth)
     value, error = 0.0, np.inf
@@ -60,8 +62,25 @@ def offset_of_r(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[floa
         table = np.column_stack(
             [v * delta, v * v * true, v, np.ones(len(v)), rate_of(r, drives), v * (v * true) ** 3, r]
         )
-        value, error = coefficient(by_blocks(table, drives), 3)
+        value, error = coefficient(by_blocks(table * straightness(v * true)[:, None], drives), 3)
     return value, error
+
+
+def straightness(across: np.ndarray) -> np.ndarray:
+    """How far a sample counts where a straight tells, 1 to 0, by the lateral acceleration ``across``. (n,)"""
+    return 1 / (1 + (across / (_STRAIGHT * max(float(np.quantile(np.abs(across), 0.99)), 1e-300))) ** 2)
+
+
+def speeds_differ(v_x: np.ndarray, r: np.ndarray) -> bool:
+    """Whether speeds differ where the car turns, as much as `SPEEDS` of them evenly, so that understeer shows.
+
+    Of bends at one speed, understeer is as large a share of all steering as any gain; straights do not tell it. Samples
+    count by the square of their lateral acceleration.
+    """
+    weight = (v_x * r) ** 2
+    total = max(float(weight.sum()), 1e-300)
+    mean = float(weight @ v_x) / total
+    return bool(weight @ (v_x - mean) ** 2 > (SPEEDS * mean) ** 2 / 12 * total)
 
 
 def over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
