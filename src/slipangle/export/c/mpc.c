@@ -2,6 +2,7 @@
    is no solution that plan is shifted or the stop law takes over. The same decisions as those of `MPC.plan`. */
 
 #define MOST_ATTEMPTS 50 /* solves in a row that go on from an unfinished one; then another start is better */
+#define RETRIES 5 /* of these, every so many begin from nothing, as limits that were in the way may be gone */
 #define WHOLE_TURN 6.283185307179586
 
 typedef struct {

@@ -5,7 +5,7 @@ static int solve(Controller *c)
     int whole = c->found && c->attempts <= MOST_ATTEMPTS && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX) &&
                 moderate(s->k, (NS + 1) * NK) && moderate(s->working, 1 + 2 * QT);
     if (whole)
-        s->fresh = c->attempts ? RESUME : CONTINUE;
+        s->fresh = !c->attempts ? CONTINUE : c->attempts % RETRIES ? RESUME : RETRY;
     else if (c->plans && !c->stuck) {
         inputs_after(c->u, 1, s->u);
         s->fresh = GIVEN_INPUTS;

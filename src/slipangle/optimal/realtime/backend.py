@@ -38,7 +38,8 @@ class RealTime(Checked):
     before, shifted. After these the model is evaluated at the new plan; where `Plan.residual` is larger than `accept`,
     as after a jump of the state, or where hard limits allow no step, as after one of an obstacle, up to thirty steps
     with a line search follow, while there is time and until five in a row that keep no hard limit, or eight others,
-    bring constraints no nearer. A solve that runs out of time or iterations is gone on with by the next one.
+    bring constraints no nearer. A solve that runs out of time or iterations is gone on with by the next one; every
+    fifth in a row begins from nothing, as what was in the way may be gone.
 
     The quadratic program of a step is solved in one of two ways, which end at the same answer. "condensed" eliminates
     the states and goes from active set to active set ([2]_): fastest on short horizons. "riccati" keeps them and takes

@@ -16,12 +16,14 @@ from slipangle.codegen.struct import Struct
 from slipangle.optimal.arrays import DOUBLE
 from slipangle.optimal.checks import stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
+from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
 from slipangle.optimal.solution import (
     ANEW,
     MOST_ATTEMPTS,
+    RETRIES,
     Plan,
     Solution,
     Status,
@@ -36,7 +38,7 @@ OUTCOMES = [
 ]
 RESUMED = {i for i, status in enumerate(OUTCOMES) if status.resumes}
 DOUBTFUL = len(OUTCOMES)
-CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
+CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY = range(6)
 
 
 @dataclass(eq=False)
@@ -124,7 +126,7 @@ class WorkArea(Engine):
         at = (view["cost"].ctypes.data - view["u"].ctypes.data) // 8
         self._result = slice(at, at + 3)  # cost, violation, residual
         self._numbers = self._found[self._result]
-        self._controls = ocp.controls
+        self._controls, self._parts_of_one = ocp.controls, isinstance(ocp, Joined)  # which begins from a guess
         self._shape_x0, self._shape_p, self._shape_w = self._x0.shape, self._p.shape, self._w.shape
         self._lanes, self._edges, self._owner = ocp.corridor is not None, self._corridor.shape, ocp.identity
         self._shape_u, self._shape_x = self._u.shape, self._x.shape
@@ -168,7 +170,7 @@ class WorkArea(Engine):
         self._set(x, applied, reference)
         if self._ours(memory):
             self._recall(memory)
-            self._fresh[0] = RESUME if memory.unfinished else CONTINUE
+            self._fresh[0] = self._goes_on(memory.unfinished)
             return self._run(attempts=memory.unfinished)
         elif previous is not None and previous.u.shape == self._u.shape and not stuck(previous):
             if written(previous, (len(self._u) + 1, len(self._x0))):
@@ -205,12 +207,18 @@ class WorkArea(Engine):
         if self._drawn:
             self._r.fill(0.0)
             self._drawn = False
-        self._fresh[0] = RESUME if attempts else CONTINUE
+        self._fresh[0] = self._goes_on(attempts)
         if self._timed or seconds is not None:
             self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
             self._timed = seconds is not None
         outcome = self._call_again(self._pointer)
         return None if outcome == DOUBTFUL else self._answer(outcome, attempts)
+
+    def _goes_on(self, attempts: int) -> int:
+        """How a solve begins after so many in a row that did not get to their end."""
+        if attempts:
+            return RESUME if attempts % RETRIES or self._parts_of_one else RETRY
+        return CONTINUE
 
     def allow(self, seconds: float) -> None:
         """Longest time from now to the end of the next solve. [s]"""

@@ -14,6 +14,7 @@ import numpy as np
 from slipangle.codegen.expression import only
 from slipangle.optimal.checks import led_nowhere, stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
+from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
@@ -33,6 +34,7 @@ from slipangle.optimal.solution import (
     ANEW,
     FEASIBLE,
     MOST_ATTEMPTS,
+    RETRIES,
     Plan,
     Solution,
     Status,
@@ -202,6 +204,8 @@ class WorkArea(Engine):
         memory = previous.start if previous is not None else None
         self._begin(x, applied, reference)
         if self._ours(memory):
+            if memory.unfinished and memory.unfinished % RETRIES == 0 and not isinstance(ocp, Joined):
+                return self._begin_aside(memory)
             if self._quick and self._settings.iterations and not (memory.unfinished or self._varied):
                 return self._resume_quickly(self._quick, memory)
             u, states, self._k[:] = memory.u, memory.x.copy(), memory.k[:-1]
@@ -219,18 +223,31 @@ class WorkArea(Engine):
         known = previous is not None and previous.u.shape == (n, nu) and not stuck(previous)
         if known and previous is not None and written(previous, (n + 1, nx)):
             return None
-        guesses = (
-            [inputs_later(previous.u, ocp.lengths)]
-            if known and previous is not None
-            else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
-        )
-        guesses = [within(u, applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
+        if not (known and previous is not None):
+            return self._from_nothing()
+        u = within(inputs_later(previous.u, ocp.lengths), applied, ocp.input_bounds, ocp.step_bounds)
         self._k[:] = 0.0
-        rolled = [self._roll_out(x, u, reference) for u in guesses]
+        return self._run_given(np.array(u), self._roll_out(x, u, reference))
+
+    def _from_nothing(self, unfinished: int = 0) -> Solution:
+        """To convergence from the inputs held, or brought to zero, whichever promises less."""
+        ocp, (n, _, nu) = self.ocp, self._sizes
+        guesses = [np.tile(self._applied, (n, 1)), np.zeros((n, nu))]
+        guesses = [within(u, self._applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
+        self._k[:] = 0.0
+        rolled = [self._roll_out(self._x0, u, self._reference) for u in guesses]
         promised = [self._promise(u, s) for u, s in zip(guesses, rolled, strict=True)]
-        best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
-        run = self._run_given if known else self._run
-        return run(np.array(guesses[best]), rolled[best])
+        best = int(np.argmin(promised)) if np.isfinite(promised).any() else 0
+        return self._run(np.array(guesses[best]), rolled[best], unfinished)
+
+    def _begin_aside(self, memory: Memory) -> Solution:
+        """From nothing, with what an unfinished solve left put aside, to which the next one comes back."""
+        found = self._from_nothing(memory.unfinished)
+        if _leads_on(found):
+            return found
+        left = Memory(x=memory.x, k=memory.k, owner=memory.owner, u=memory.u, unfinished=found.memory.unfinished)
+        u = np.array(memory.u)
+        return replace(found, u=u, x=memory.x[self._nodes], memory=left, violation=np.inf, residual=np.inf)
 
     def allow(self, seconds: float) -> None:
         """Longest time of the next solve. [s]"""

@@ -1528,7 +1528,7 @@ static int nearby(const Work *s)
 /* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them,
    which may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states
    rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first takes a
-   fixed number of iterations. */
+   fixed number of iterations. RETRY is FROM_NOTHING with what an unfinished solve left put aside. */
 static void start(Work *s)
 {
     int shifts = s->fresh == CONTINUE || (s->fresh == RESUME && moves_on(s));
@@ -1622,6 +1622,11 @@ int rt_solve(Work *s)
 {
     double begin = now(&s->qp), prepared = 0;
     s->qp.until = begin + s->time_limit;
+    int again = s->fresh == RETRY;
+    if (again) {
+        keep_iterate(s);
+        s->fresh = FROM_NOTHING;
+    }
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
@@ -1634,6 +1639,10 @@ int rt_solve(Work *s)
 #endif
         status = given ? begin_cheaper(s, status) : status;
         keep_inputs(s);
+        if (again && !leads_on(s, status)) {
+            recall_iterate(s);
+            s->violation = s->residual = INFINITY; /* now */
+        }
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {
             double from = i ? now(&s->qp) : begin;
