@@ -192,6 +192,7 @@ WARNS = {
     "commands/tire.py": (1, ("no unloaded radius is given",)),
     "control/mpc.py": (1, ("the duration makes stages of",)),
     "control/phases.py": (1, ("the duration makes stages of",)),
+    "control/racing/racer.py": (1, ("leaves nothing to correct with",)),
     "data/readers/tir.py": (1, ("is read as the rest of the comment above it",)),
     "identify/adapt.py": (1, ("the model is left as it is",)),
     "identify/car/identify_car.py": (

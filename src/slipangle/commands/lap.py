@@ -44,7 +44,7 @@ def add(commands: Commands) -> None:
     sub.add_argument("--line", choices=("free", "given"), help="given: drive the track's own line")
     sub.add_argument("--points", type=int, help="collocation points (one every 5 m)")
     sub.add_argument("--margin", type=float, metavar="M", help="kept free beside the car [m]")
-    sub.add_argument("--smoothness", type=float, help="weight of a calm drive (1)")
+    sub.add_argument("--smoothness", type=float, help="weight of a calm drive (0.3)")
     sub.add_argument("--driven", metavar="LOG", help="a log with X, Y or latitude, longitude: where its best lap loses")
     sub.add_argument("--out", default="slipangle-out/lap", help="folder for the results (default: %(default)s)")
 

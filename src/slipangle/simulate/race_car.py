@@ -10,7 +10,7 @@ from scipy.optimize import brentq, least_squares
 
 from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.pedals import Pedals
-from slipangle.control.racing.racer import ALONG, Racer
+from slipangle.control.racing.racer import ALONG, DRIVEN, Racer
 from slipangle.control.speed.pedals import tire_force
 from slipangle.errors import SimulationError, SolverError
 from slipangle.models.vehicles.car import DualTrackParams
@@ -144,7 +144,7 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
     hardly ever full, neither bounds a lap, and both stay.
     """
     sure = replace(car, mu_f=SHARE * car.mu_f, mu_r=SHARE * car.mu_r, mu_x=ALONG * car.mu_x)
-    lap = fastest_lap(sure, track, points=points, margin=margin)
+    lap = fastest_lap(sure, track, points=points, margin=margin, smoothness=DRIVEN)
     known: Any = {"steering_lag": plant.params.steering.lag, "margin": margin, "between": False}
     racer = Racer(car, track, Pedals.of(plant.params), lap=lap, **known)
     run = race(racer, Plant(on_road(plant, 1.0)), 1).run
@@ -171,8 +171,12 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
 
 
 def optimum(car: LapCar, track: Path, friction: float = 1.0, points: int | None = None) -> Lap:
-    """The fastest lap without margins at ``friction`` [-] times the car's own, with one power in every gear."""
-    return fastest_lap(replace(car, mu_f=friction * car.mu_f, mu_r=friction * car.mu_r), track, points=points)
+    """The fastest lap without margins at ``friction`` [-] times the car's own, with one power in every gear.
+
+    It is as calm as those that racers plan.
+    """
+    there = replace(car, mu_f=friction * car.mu_f, mu_r=friction * car.mu_r)
+    return fastest_lap(there, track, points=points, smoothness=DRIVEN)
 
 
 def with_gears(lap: Lap, params: DualTrackParams, points: int | None = None) -> Lap:

@@ -51,7 +51,7 @@ class LapSettings:
     set: dict[str, float] = field(default_factory=dict)
     line: Literal["free", "given"] = "free"
     points: Annotated[int, Within(20, 6000)] | None = None
-    smoothness: Annotated[float, Within(1e-3, 100.0)] = 1.0
+    smoothness: Annotated[float, Within(1e-3, 100.0)] = 0.3
     margin: Annotated[float, Within(0.0, 10.0, "m")] = 0.0
     v_max: Annotated[float, Within(1.0, 200.0, "m/s")] = 120.0
     v_start: Annotated[float, Within(0.5, 200.0, "m/s")] | None = None

@@ -47,7 +47,7 @@ def believed():
 def first_lap():
     car = believed()
     sure = replace(car, mu_f=0.86 * car.mu_f, mu_r=0.86 * car.mu_r, mu_x=0.95)
-    return sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN)
+    return sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN, smoothness=1.0)
 
 
 def raced(racer, laps, friction=FRICTION, seed=1, lag=0.0, delay=0.0):
@@ -89,6 +89,13 @@ def test_nearer_to_the_limit_it_does_not_swing_off_the_track():
     run, times = raced(racer, 2.2)
     assert run.inside
     assert len(times) == 2
+
+
+def test_a_lap_that_leaves_nothing_to_correct_with_is_warned_of():
+    sure = replace(believed(), mu_f=0.85 * believed().mu_f, mu_r=0.85 * believed().mu_r)
+    shaken = sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN, smoothness=0.1)
+    with pytest.warns(UserWarning, match="smoothness of 0.1 and leaves nothing to correct with; expected 1"):
+        sa.Racer(believed(), circuit(), PEDALS, lap=shaken, margin=MARGIN)
 
 
 def test_a_steering_that_is_late_costs_no_time_where_it_is_known():

@@ -20,6 +20,7 @@ from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
 from slipangle.models.vehicles.on_tires import dual_track_on
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.optimal.lap.car import USUAL
+from slipangle.optimal.lap.fastest_lap import weights_of
 from tests.optimal.lap.cars import circuit
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
@@ -59,7 +60,7 @@ def track(k):
 
 @cache
 def lap(k):
-    return sa.fastest_lap(car(k), track(k))
+    return sa.fastest_lap(car(k), track(k), smoothness=1.0)
 
 
 @cache
@@ -67,6 +68,7 @@ def alike(k):
     """The full car's lap, in the small one's size."""
     full, time = lap(1.0), k**0.5
     columns = {name: scale * getattr(full, name) for name, scale in zip(LAP, states(k), strict=True)}
+    columns["weights"] = weights_of(car(k), 1.0)
     return replace(full, car=car(k), track=track(k), s=k * full.s, t=time * full.t, time=time * full.time, **columns)
 
 

@@ -129,9 +129,9 @@ def test_what_one_barrier_loses_another_finds(monkeypatch):
     ours = sa.fastest_lap(RACER, circuit(), points=60)
     run, barriers = InteriorPoint.run, []
 
-    def lost_at_first(self, start, mu):
+    def lost_at_first(self, start, mu, most):
         barriers.append(mu)
-        return None if len(barriers) == 1 else run(self, start, mu)
+        return None if len(barriers) == 1 else run(self, start, mu, most)
 
     monkeypatch.setattr(InteriorPoint, "run", lost_at_first)
     monkeypatch.setattr(solvers, "by_ipopt", None)

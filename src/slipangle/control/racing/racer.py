@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -22,13 +23,14 @@ from slipangle.control.racing.sensing import Sensing
 from slipangle.errors import ParameterError, SolverError, shown
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.course import course
-from slipangle.optimal.lap.fastest_lap import fastest_lap
+from slipangle.optimal.lap.fastest_lap import fastest_lap, weights_of
 from slipangle.optimal.lap.lap import Lap, require_lap_of
 from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
 from slipangle.shown import Brief
 
 ALONG = 0.98  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
+DRIVEN, SHAKEN = 1.0, 0.25  # smoothness of laps that are to be driven, and below which plans along one may be lost
 HOPED = 1.05  # of power and drive force: speeds that full throttle does not reach, a plan does not want
 CHANGED = 0.02  # of grip, from which a new lap is planned; less than that is left to its sectors
 BOLD = 0.985  # of the grip that is sure, which no corner is tried beyond
@@ -75,7 +77,8 @@ class Racer(Brief):
     pedals : Pedals
         What throttle and brake do, such as ``Pedals.of(params)`` of a dual track.
     lap : Lap, optional
-        The first lap to drive; by default the fastest for the grip that is sure.
+        The first lap to drive; by default the fastest for the grip that is sure, with ``smoothness=1``. Those after it
+        are planned like it. One with less than a quarter of that is warned of.
     share : float
         Of the grip that is sure, which laps are planned with. [-]
     grip_std : float
@@ -164,6 +167,7 @@ class Racer(Brief):
         dt = _multiple(DT * math.sqrt(size), sample) if dt is None else dt
         if lap is not None:
             require_lap_of(track, lap, "the first lap")
+            _warn_shaken(lap)
             course(track, lap.ends, room=0.5 * car.width + margin, tolerance=None)  # whether the car fits
         self._every, self._settling = round(dt / sample), SETTLING * math.sqrt(size)
         if self._every < 1 or not math.isclose(self._every * sample, dt, rel_tol=1e-6):
@@ -227,7 +231,7 @@ class Racer(Brief):
 
     def _plan_lap(self, car: LapCar, before: Lap | None) -> Lap:
         """The fastest lap of a car, slow enough where the gearbox has to shift down."""
-        lap = before or fastest_lap(car, self.track, margin=self.margin)
+        lap = before or fastest_lap(car, self.track, margin=self.margin, smoothness=DRIVEN)
         box = self.pedals.gearbox
         slow = np.full(len(lap.s), np.inf) if box is None else box.slow_enough(lap.v_x)
         if before is None and np.all(lap.v_x <= slow):
@@ -345,3 +349,14 @@ class Racer(Brief):
         message = f"{HINDERED[3]}, {STAY}"
         more: dict[str, Any] = {"state": nothing, "state_std": np.full_like(nothing, np.inf)}
         return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self.sensing.restarts, **more)
+
+
+def _warn_shaken(lap: Lap) -> None:
+    """Warn of a lap whose rates cost so little that it leaves the planner nothing to correct with."""
+    smoothness = float(np.min(lap.weights / weights_of(lap.car, 1.0)))
+    if smoothness < SHAKEN:
+        warnings.warn(
+            f"the first lap was planned with a smoothness of {smoothness:.2g} and leaves nothing to correct with; "
+            f"expected {DRIVEN:g} for a lap that is to be driven: sa.fastest_lap(..., smoothness={DRIVEN:g})",
+            stacklevel=3,
+        )

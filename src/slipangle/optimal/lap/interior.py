@@ -99,10 +99,8 @@ class InteriorPoint:
     ``iterations`` counts those of all runs.
     """
 
-    def __init__(
-        self, program: Collocated, low: np.ndarray, high: np.ndarray, tolerance: float, iterations: int
-    ) -> None:
-        self.program, self.tolerance, self.most = program, tolerance, iterations
+    def __init__(self, program: Collocated, low: np.ndarray, high: np.ndarray, tolerance: float) -> None:
+        self.program, self.tolerance = program, tolerance
         self.iterations = 0
         first = program.cuts[2]
         fixed = np.zeros(program.size, dtype=bool)
@@ -155,18 +153,18 @@ class InteriorPoint:
 
     # ---- the search --------------------------------------------------------------------------------------------
 
-    def run(self, start: np.ndarray, mu: float) -> Found | None:
-        """From a start, whose slacks are found here, with a first weight of the barrier."""
+    def run(self, start: np.ndarray, mu: float, most: int) -> Found | None:
+        """From a start, whose slacks are found here, with a first weight of the barrier and at most so many steps."""
         now = self._begun(start)
         if now is None:
             return None
         shifted, floor = 0.0, self.tolerance / 10
         size = max(1.0, self._violation(now.at))
         filtered = _Filter(least=1e-4 * size, most=1e4 * size)
-        for iteration in range(self.most + 1):
+        for iteration in range(most + 1):
             slopes = self.program.slopes(now.w, now.at, now.lam, now.mus)
             left = self._error(slopes, now, 0.0)
-            if left <= self.tolerance or iteration == self.most:
+            if left <= self.tolerance or iteration == most:
                 return Found(now.w, now.lam, now.mus, now.above - now.below, now.at.cost, iteration, left)
             while mu > floor and self._error(slopes, now, mu) <= 10 * mu:  # (7)
                 mu = max(floor, min(0.2 * mu, mu**1.5))

@@ -22,7 +22,7 @@ N_STATES, N_INPUTS = 7, 2
 GRIP = 0.98  # share of an axle's longitudinal limit that is used
 WIDEST = 0.21  # rad, slip angle of tires without a peak
 RADAU = np.array([[5.0, -1.0], [9.0, 3.0]]) / 12.0  # [1]_ table 5.5
-BARRIERS = (1e-4, 1e-5, 1e-3)  # first weights of a barrier, tried in turn; what one loses another mostly finds
+BARRIERS = {1e-4: 0.5, 1e-5: 0.25, 1e-3: 0.25}  # first weights, tried in turn, and their shares of the iterations
 _COLUMN = N_STATES + N_INPUTS
 _ONLY = {"is_diff_in": [True, False, False, False, False]}  # derivatives by the states alone
 
@@ -133,7 +133,7 @@ def solver(intervals: int, closed: bool, iterations: int, tolerance: float) -> c
         "calc_lam_p": False,
         "ipopt.max_iter": iterations,
         "ipopt.tol": tolerance,
-        "ipopt.mu_init": BARRIERS[0],
+        "ipopt.mu_init": next(iter(BARRIERS)),
         "ipopt.acceptable_tol": 10 * tolerance,
         "ipopt.acceptable_constr_viol_tol": 1e-6,
     }

@@ -90,8 +90,8 @@ def along_the_track(problem: Problem, start: np.ndarray, code: Any, iterations: 
         for side, bound in zip(problem.bounds, limits(), strict=True)
     )
     begin = np.concatenate([_by_interval(start, n), np.zeros(7 * n)])
-    search = InteriorPoint(collocated, low, high, tolerance, max(1, iterations // len(BARRIERS)))
-    ends = (search.run(begin, barrier) for barrier in BARRIERS)
+    search = InteriorPoint(collocated, low, high, tolerance)
+    ends = (search.run(begin, barrier, max(1, int(share * iterations))) for barrier, share in BARRIERS.items())
     found = next((end for end in ends if end is not None and end.left <= tolerance), None)
     if found is None:
         return None
