@@ -1,11 +1,12 @@
 """Models alike but for values of parameters share the C of their free runs; any other difference tells them apart."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from slipangle.identify.physics.forward_code import code_of
+from slipangle.identify.physics.structure import structure
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.wrappers.delayed import Delayed
 
@@ -50,3 +51,15 @@ def test_equations_that_hold_numbers_of_their_own_are_written_anew():
     heavy = replace(light, params=light.params.with_values(mass=1500.0))
     assert code_of(light, ("C_f",)).run != code_of(heavy, ("C_f",)).run
     assert code_of(light, ("C_f",)).run == code_of(light, ("C_f",)).run
+
+
+def test_what_others_wrote_is_not_taken_for_known():
+    """A function or a class of a user may look at a number elsewhere, which may be another by the next fit."""
+
+    @dataclass(frozen=True)
+    class Theirs:
+        C_f: float = 1.0
+
+    for thing in (Theirs(), lambda x: x, (1.0, Theirs())):
+        with pytest.raises(TypeError, match="is made of is not known"):
+            structure(thing)
