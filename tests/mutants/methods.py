@@ -645,6 +645,11 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/solver.c",
+        "optimal/test_grip.py",
+        [("solver in C: small steps are whole ones", "s->reach = GENTLE;", "s->reach = INFINITY;")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
         "optimal/realtime/test_unstable.py",
         [
             ("solver in C: a blurred optimum is one", "return left > BLURRED * cost;", "return 0;"),

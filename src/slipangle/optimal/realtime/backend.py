@@ -84,7 +84,7 @@ class RealTime(Checked):
 
     iterations: Whole = 1
     tolerance: Annotated[float, Within(0, open="low", example="1e-9")] = 1e-9
-    max_iterations: Count = 200
+    max_iterations: Count = 400
     newton: Annotated[float, Within(0, open="low", example="1e-7")] = 1e-7
     accept: Annotated[float, Within(0, open="low", example="1e-2")] = 1e-2
     qp: Literal["auto", "condensed", "riccati"] = "auto"

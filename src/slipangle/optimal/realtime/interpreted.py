@@ -65,6 +65,8 @@ UNKNOWN: Truth = float("nan"), np.inf, np.inf
 CONTENT = 10  # iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints
 NO_NEARER = 8  # such in a row that bring constraints no nearer, after which they had better fall back
 NO_NEARER_PAID = 5  # the same where no step keeps the limits
+GENTLE = 0.1  # most that the first step of such a start changes an input; a whole one lets the next go twice as far ...
+FREE = 4.0  # ... and from here on as far as it likes
 MORE = 30  # most of them, where full steps were not enough
 
 
@@ -313,6 +315,7 @@ class WorkArea(Engine):
         """To convergence."""
         found = self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
         found = self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
+        found = self._gently(found, u, unfinished) if found.status is Status.INFEASIBLE else found
         return self._halfway(found, unfinished)
 
     def _run_given(self, u: np.ndarray, states: np.ndarray, unfinished: int = 0, *, given: bool = False) -> Solution:
@@ -371,6 +374,18 @@ class WorkArea(Engine):
         if before.status is not Status.INFEASIBLE or _leads_on(found):
             return found
         return _still(found, before)
+
+    def _gently(self, missed: Solution, begun: np.ndarray, unfinished: int) -> Solution:
+        """Limits that are missed are looked for from where the solve began, by steps that change inputs little.
+
+        Whole steps of a car that slides from a start where it rolls lead to where no step keeps it on the road.
+        """
+        if self._soft.all() or missed.iterations >= self._settings.max_iterations:
+            return missed
+        self._qp.reach = GENTLE
+        found = self._from(begun, missed.iterations, unfinished, self._following)
+        self._qp.reach = np.inf
+        return found if _leads_on(found) else _still(found, missed)
 
     def _elsewhere(self, missed: Solution, unfinished: int) -> Solution:
         """Hard limits that are missed by least where a solve ended may be kept elsewhere.
@@ -721,7 +736,8 @@ class WorkArea(Engine):
             least = 1.5 * np.abs(promise.pi)
             missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
             paid = missed > 1e-8  # for limits that the step misses: no plan yet, however small what is left
-            doubtful = paid and part == 1.0 and (settled or price >= dearest)
+            all_of_it = part == 1.0 and self._qp.reach == np.inf  # that inputs can do
+            doubtful = paid and all_of_it and (settled or price >= dearest)
             left = doubtful and self._qp.stays(m.limited[self._limit_at], promise.limited, self._bounds)
             stays = stays + 1 if left else 0
             if stays >= (1 if settled else STAYED):  # nothing brings the limits nearer
@@ -806,6 +822,8 @@ class WorkArea(Engine):
                 price, dearest = (price, dearest) if price else (first, PRICES * first)
                 soft, priced = True, count
             calm += 1
+            if t == 1.0:
+                self._qp.reach = 2 * self._qp.reach if 2 * self._qp.reach < FREE else np.inf
             whole = size if near and t == 1.0 else np.inf
             if t == 1.0 and (not soft or here - there >= GAIN * predicted):
                 damp = 0.2 * damp if damp > 1e-4 else 0.0

@@ -28,6 +28,7 @@ class LimitedStep:
         self.soft = np.isfinite(self.plain)
         self._hard = np.flatnonzero(~self.soft)
         self.rated = np.flatnonzero(np.isfinite(ocp.step_bounds).any(axis=2))
+        self.reach = np.inf  # most that a step may change an input, in units of its range
         self._change = (np.eye(n * nu) - np.eye(n * nu, k=-nu))[self.rated] * self._scale
 
     def price(self, price: float) -> None:
@@ -68,6 +69,7 @@ class LimitedStep:
         many, rates = len(soft), len(self.rated)
         H = H + np.eye(size) * FACTORED * max(np.diag(H).max(), 1e-300)
         low, high = ((np.tile(b, n) - u.ravel()) / self._scale for b in ocp.input_bounds.T)
+        low, high = np.maximum(low, -self.reach), np.minimum(high, self.reach)
         change = (u - np.vstack([applied, u[:-1]])).ravel()[self.rated]
         step_low, step_high = (ocp.step_bounds[..., k].ravel()[self.rated] - change for k in (0, 1))
         below, above = bounds[:, 0] - L[:, -1], bounds[:, 1] - L[:, -1]

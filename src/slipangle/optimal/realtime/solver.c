@@ -352,7 +352,8 @@ static void feed(Work *s)
             q->g[a] += c * (s->wr[a] * (s->u[a] - s->r[a]) + change);
             if (i)
                 q->g[a - NU] -= c * change;
-            q->lo[a] = (INPUT_LOW[j] - s->u[a]) / c, q->hi[a] = (INPUT_HIGH[j] - s->u[a]) / c;
+            q->lo[a] = larger((INPUT_LOW[j] - s->u[a]) / c, -s->reach);
+            q->hi[a] = smaller((INPUT_HIGH[j] - s->u[a]) / c, s->reach);
         }
     for (int k = 0; k < QR; k++) {
         int a = q->after[k], j = a % NU;
@@ -1172,7 +1173,8 @@ static int converge(Work *s, int64_t most, int loose)
         s->curved = 1;
         miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
         paid = miss > 1e-8;
-        stays = paid && whole_price && (settled || price >= dearest) && leaves_excess(s) ? stays + 1 : 0;
+        int all = whole_price && !(s->reach < INFINITY) && (settled || price >= dearest); /* that inputs can do */
+        stays = paid && all && leaves_excess(s) ? stays + 1 : 0;
         if (stays >= (settled ? 1 : STAYED)) /* nothing brings the limits nearer */
             return INFEASIBLE;
         settled = 0, n++, s->iterations++, calm++;
@@ -1259,6 +1261,8 @@ static int converge(Work *s, int64_t most, int loose)
             price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
             soft = 1, priced = n;
         }
+        if (t == 1)
+            s->reach = 2 * s->reach < FREE ? 2 * s->reach : INFINITY;
         whole = near && t == 1 && !s->frail ? s->step : INFINITY;
 #ifdef CURVED
         choose_curvature(s, t);
@@ -1383,6 +1387,23 @@ static int begin_halfway(Work *s, int status)
         ended = begin_at(s, states);
     }
     if (status != INFEASIBLE || leads_on(s, ended))
+        return ended;
+    s->anew = anew;
+    return status;
+}
+
+/* Whole steps of a car that slides from a start where it rolls lead to where no step keeps it on the road. So limits that
+   are missed everywhere else are looked for from where the solve began, by steps that change inputs little at first. */
+static int begin_gently(Work *s, int status)
+{
+    int64_t anew = s->anew;
+    if (status != INFEASIBLE || !has_hard(s) || s->iterations >= s->max_iterations)
+        return status;
+    memcpy(s->u, s->begun_u, sizeof s->u);
+    s->reach = GENTLE;
+    int ended = begin_at(s, ROLL_OUT);
+    s->reach = INFINITY;
+    if (leads_on(s, ended))
         return ended;
     s->anew = anew;
     return status;
@@ -1539,6 +1560,7 @@ static void start(Work *s)
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];
     }
+    s->reach = INFINITY;
     s->iterations = s->qp_iterations = s->pairs = s->anew = s->unstable = s->astray = 0, s->damp = 0;
     s->cost = NAN, s->violation = s->residual = INFINITY;
     if (s->fresh == CONTINUE)
@@ -1633,7 +1655,7 @@ int rt_solve(Work *s)
         int given = s->fresh != FROM_NOTHING;
         memcpy(s->begun_u, s->u, sizeof s->u);
         s->shortened = s->fresh == GIVEN; /* by somebody, with any states */
-        status = begin_halfway(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0))));
+        status = begin_halfway(s, begin_gently(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0)))));
 #if defined RICCATI && defined CURVED
         status = leave_saddle(s, status);
 #endif

@@ -49,6 +49,8 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define CONTENT 10 /* iterations with a line search, of real-time ones, after which a plan will do that keeps all constraints */
 #define NO_NEARER 8 /* such in a row that bring constraints no nearer, after which they had better fall back */
 #define NO_NEARER_PAID 5 /* the same where no step keeps the limits */
+#define GENTLE 0.1 /* most that the first step of such a start changes an input; a whole one lets the next go twice as far ... */
+#define FREE 4 /* ... and from here on as far as it likes */
 #define MORE 30 /* most of them, where full steps were not enough */
 
 typedef struct {
@@ -90,6 +92,7 @@ typedef struct {
     double begun_u[N * NU], left_u[N * NU], left_x[(NS + 1) * NX], left_k[M1((NS + 1) * NK)];
     double left_working[1 + 2 * QT], left_numbers[3];
     double damp; /* of inputs, relative to the curvature */
+    double reach; /* most that a step may change an input, in units of its range, where whole ones led astray */
     double top;  /* largest curvature by an input, of the program condensed */
     double own[N * NU], blur; /* that by each, and what was added to it so that there is a factor */
     int64_t unstable; /* whether that blurs the optimum, as states that grow much do: it is not condensed any more */
