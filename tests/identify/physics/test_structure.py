@@ -1,6 +1,7 @@
 """Models alike but for values of parameters share the C of their free runs; any other difference tells them apart."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,8 @@ def test_what_others_wrote_is_not_taken_for_known():
     class Theirs:
         C_f: float = 1.0
 
-    for thing in (Theirs(), lambda x: x, (1.0, Theirs())):
+    made: dict[str, Any] = {}
+    exec("def typed(x): return x", made)
+    for thing in (Theirs(), lambda x: x, (1.0, Theirs()), made["typed"]):
         with pytest.raises(TypeError, match="is made of is not known"):
             structure(thing)

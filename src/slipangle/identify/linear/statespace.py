@@ -163,7 +163,8 @@ class StateSpace(ScaledEstimator):
         work the samples over which errors, and each of their derivatives, are run: the same on every machine. Orders
         that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and runs
         over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred samples
-        they take as long as a fit or two.
+        they take as long as a fit or two. Where a refined model has a pole outside the unit circle and no
+        ``max_radius`` is given, the orders are compared once more with poles held inside, for as much work again.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """

@@ -46,4 +46,4 @@ def structure(thing: Any) -> tuple[Any, ...]:
 
 
 def _is_ours(thing: Any) -> bool:
-    return thing.__module__.split(".")[0] == __name__.split(".")[0]
+    return str(thing.__module__).split(".")[0] == __name__.split(".")[0]  # none of what is executed by hand
