@@ -1,5 +1,6 @@
 """Locks of the compiler cache: whoever holds one and is killed, or never ends, keeps nobody for long."""
 
+import os
 import subprocess
 import sys
 import time
@@ -26,3 +27,12 @@ def test_a_lock_holds_no_longer_than_its_process_lives_or_the_others_wait(tmp_pa
         other.kill()
     assert waited < 100.0 if ends == "killed" else waited >= 0.2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_locks_that_were_left_long_ago_are_swept_and_others_stay(tmp_path):
+    for name in (".old.lock", ".new.lock", ".old.txt"):
+        (tmp_path / name).touch()
+    for name in (".old.lock", ".old.txt"):
+        os.utime(tmp_path / name, (0.0, 0.0))
+    code_cache.sweep(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {".new.lock", ".old.txt"}

@@ -29,6 +29,7 @@ except ImportError:  # not every system has such locks
 
 _OLD = 86400.0  # scratch folders untouched for this long were left by a process that was killed [s]
 _AGAIN = 0.02  # until a lock is tried again [s]
+_LOCK = ".lock"  # how the names of locks end
 
 
 def folders() -> Iterator[tuple[Path, str]]:
@@ -152,7 +153,7 @@ def one_at_a_time(folder: Path, identity: str, seconds: float) -> Iterator[None]
 
     The system frees the lock of a process that ends, however it does. Without locks nobody waits.
     """
-    place, handle = folder / f".{_short(identity)}.lock", None
+    place, handle = folder / f".{_short(identity)}{_LOCK}", None
     if fcntl is not None:
         with contextlib.suppress(OSError):
             handle = os.open(place, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
@@ -181,11 +182,15 @@ def _locked(handle: int) -> bool:
 
 
 def sweep(folder: Path) -> None:
-    """Remove the scratch folders of processes that were killed long ago."""
+    """Remove the scratch folders and locks of processes that were killed long ago."""
     for path in folder.glob(".*"):
         with contextlib.suppress(OSError):
-            if path.is_dir() and not path.is_symlink() and time.time() - path.stat().st_mtime > _OLD:
+            if path.is_symlink() or time.time() - path.stat().st_mtime <= _OLD:
+                continue
+            if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
+            elif path.suffix == _LOCK:
+                path.unlink()
 
 
 def _short(identity: str) -> str:

@@ -499,6 +499,7 @@ class WorkArea(Engine):
     def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
         self._until, self._allowed = perf_counter() + self._allowed, self._limit
         self._x0, self._applied, self._reference = x, applied, reference
+        self._qp.reach = np.inf  # a gentle start may have ended in an error
         self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
         if self._varied or reference.varied:
             self._varied = reference.varied
