@@ -372,11 +372,9 @@ def test_order_by_cross_validation_refines_few(order, monkeypatch):
     assert (counted["finished"], counted["_fit"]) == (1, 0)
 
 
-@pytest.mark.parametrize("focus", ["prediction", "simulation"])
-@pytest.mark.parametrize(("experiments", "samples"), [(1, 1400), (1, 500), (4, 350), (7, 1400)])
-@pytest.mark.filterwarnings("ignore::slipangle.errors.ModelWarning")
-def test_choosing_an_order_costs_at_most_five_fits(focus, experiments, samples, monkeypatch):
-    """By the samples that errors, and each of their derivatives, are run over."""
+@pytest.fixture
+def spent(monkeypatch):
+    """What fits have cost since the last call, in samples that errors, and each of their derivatives, are run over."""
     run = 0
     for name in ("linearise", "moments"):
         own = getattr(PredictionCriterion, name)
@@ -387,17 +385,52 @@ def test_choosing_an_order_costs_at_most_five_fits(focus, experiments, samples, 
             return own(self, *args, **kwargs)
 
         monkeypatch.setattr(PredictionCriterion, name, counting)
+
+    def since():
+        nonlocal run
+        before, run = run, 0
+        return before
+
+    return since
+
+
+@pytest.mark.parametrize("focus", ["prediction", "simulation"])
+@pytest.mark.parametrize(("experiments", "samples"), [(1, 1400), (1, 500), (4, 350), (7, 1400)])
+@pytest.mark.filterwarnings("ignore::slipangle.errors.ModelWarning")
+def test_choosing_an_order_costs_at_most_five_fits(focus, experiments, samples, spent):
     for seed in range(4):
         m = system(1 + seed, 1 + seed % 2, 1 + seed // 2 % 2, 60 + seed, gain=0.3)
         parts = [record(m, samples // experiments, 50 * seed + i, noise=0.1)[0] for i in range(experiments)]
         data = join(*parts) if experiments > 1 else parts[0]
         settings = StateSpace(focus=focus, direct=True)
-        run = 0
+        spent()
         choice = settings.choose_order(data)
         assert choice.order in choice.refined
-        chosen, run = run, 0
+        chosen = spent()
         replace(settings, order=choice.order).fit(data)
-        assert chosen <= 5 * run
+        assert chosen <= 5 * spent()
+
+
+def drifting(seed):
+    """A record of a stable system with a ramp, or a random walk, on its output."""
+    data, _ = record(system(2, 1, 1, 90 + seed), 700, seed, noise=0.3)
+    rng, size = np.random.default_rng(seed), data.y.std()
+    walk = np.cumsum(rng.normal(size=700)) / np.sqrt(700) if seed % 2 else np.linspace(0.0, 1.0, 700)
+    return Dataset.from_arrays({"u0": data.u[:, 0]}, {"y0": data.y[:, 0] + 3.0 * size * walk}, data.dt)
+
+
+@pytest.mark.filterwarnings("ignore::slipangle.errors.ModelWarning", "ignore::slipangle.errors.IdentifiabilityWarning")
+def test_it_costs_no_more_where_a_drift_makes_poles_outside_the_unit_circle(spent):
+    held = 0
+    for seed in range(6):
+        data = drifting(seed)
+        spent()
+        choice = StateSpace(direct=True).choose_order(data)
+        chosen = spent()
+        StateSpace(direct=True, order=choice.order, max_radius=1.0 if choice.inside else None).fit(data)
+        assert chosen <= 5 * spent()
+        held += choice.inside
+    assert held > 0
 
 
 def test_refinements_end_where_their_work_is_used_up():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,35 +10,58 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import SlipangleError
-from slipangle.identify.linear.order_search import TIE, OrderChoice
-from slipangle.identify.stability import held
+from slipangle.identify.linear.order_search import Judged, OrderChoice
+from slipangle.identify.linear.poles import modulus
+from slipangle.identify.stability import SETTLED, held
 from slipangle.models.black_box.statespace import StateSpaceModel
 
 _DRIFT = (
-    "fits to the free run ended at poles outside the unit circle, as drifts and offsets of the data make them, and run "
-    "no better over held-out data than with poles held inside; one is at the circle now, and no interval counts that; "
-    "right for a system that integrates, else expected data without a drift: remove it, ask for offsets='output', or "
-    "give max_radius"
+    "fits to the free run ended at poles outside the unit circle, as drifts and offsets of the data make them, and no "
+    "free run over held-out data is better for them; one is at the circle now, and no interval counts that; right for "
+    "a system that integrates, else expected data without a drift: remove it, ask for offsets='output', or give "
+    "max_radius"
 )
 
 
-def compared(settings: Any, data: Dataset) -> tuple[Any, OrderChoice]:
-    """Orders of a `StateSpace` compared, and its settings: with poles held inside the unit circle where that is better.
+class Held:
+    """Of each order of a `StateSpace` whether its poles are held inside the unit circle, where no limit was given.
 
     A drift of the training data is explained by a pole just outside as well as by one at the circle, but only over
-    these data. So where a refined model has one, and no limit was given, orders are compared with a limit of 1 too.
+    these data. So where a refined model has one, its order is refined with a limit of 1 too, within the same account.
     """
-    choice = settings._compared(data)
-    if settings.focus != "simulation" or settings.max_radius is not None or not choice.outside:
-        return settings, choice
-    within = replace(settings, max_radius=1.0)
-    try:
-        other = within._compared(data)
-    except SlipangleError:
-        return settings, choice
-    if not _error(other) <= TIE * _error(choice):
-        return settings, choice
-    return within, replace(other, inside=True)
+
+    def __init__(self, settings: Any) -> None:
+        self.settings, self.within = settings, replace(settings, max_radius=1.0)
+        self.held: dict[int, bool] = {}
+
+    def of(self, order: int) -> Any:
+        """The settings that an order is refined with."""
+        return self.within if self.held.get(order) else self.settings
+
+    def better(self, order: int, refine: Callable[[Any, float], Judged], most: float) -> Judged:
+        """What ``refine`` makes of an order by settings and for so much work, with its poles held if that is better."""
+        found = refine(self.of(order), most)
+        if not _open(self.settings) or order in self.held or not outside(found):
+            return found
+        try:
+            other = refine(self.within, max(most - found.work, 0.0))
+        except SlipangleError:
+            other = found
+        self.held[order] = not outside(other) and other.error <= other.alike(found) * found.error
+        return other if self.held[order] else found
+
+
+def fitted(settings: Any, data: Dataset, choice: OrderChoice) -> tuple[OrderChoice, StateSpaceModel]:
+    """The fit of a chosen order, and the choice after it.
+
+    Poles are held inside where free runs over held-out data are for it, or say nothing for a pole outside that the fit
+    of all data ends at.
+    """
+    if not choice.inside:
+        found, model = settings._lasting(data, choice)
+        if choice.outside or not _open(settings) or modulus(model.A) <= SETTLED:
+            return found, model
+    return replace(settings, max_radius=1.0)._lasting(data, replace(choice, inside=True))
 
 
 def held_said(model: StateSpaceModel, choice: OrderChoice) -> str:
@@ -55,6 +79,10 @@ def follows(model: StateSpaceModel, data: Dataset) -> bool:
     return bool(np.all(error < 4 * np.maximum(np.var(run.measured, axis=0), 1e-300)))
 
 
-def _error(choice: OrderChoice) -> float:
-    """Of the chosen order on held-out data."""
-    return float(choice.errors[choice.orders.index(choice.order)])
+def _open(settings: Any) -> bool:
+    return settings.focus == "simulation" and settings.max_radius is None
+
+
+def outside(judged: Judged) -> bool:
+    """Whether a model has a pole outside the unit circle."""
+    return any(modulus(m.A) > SETTLED for m in (judged.model, *judged.models))

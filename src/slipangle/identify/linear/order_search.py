@@ -47,7 +47,7 @@ class OrderChoice(Shown):
     candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
     direct: bool = False  # whether outputs depend on inputs of the same sample
     waits: tuple[int, ...] = ()  # samples of each input's delay that are no part of the order
-    outside: bool = False  # whether a refined model has a pole outside the unit circle
+    outside: bool = False  # whether a refined model of the order has a pole outside the unit circle
     inside: bool = False  # whether poles are held inside the unit circle, which was not asked for
 
     def _words(self) -> str:

@@ -14,7 +14,7 @@ from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.delays import delayed
 from slipangle.identify.linear.estimator import criteria
-from slipangle.identify.linear.inside import compared, follows, held_said
+from slipangle.identify.linear.inside import Held, fitted, follows, held_said, outside
 from slipangle.identify.linear.neighbours import Chosen
 from slipangle.identify.linear.order_search import (
     FINISHED,
@@ -27,12 +27,11 @@ from slipangle.identify.linear.order_search import (
     searched,
 )
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
-from slipangle.identify.linear.poles import modulus
 from slipangle.identify.linear.predictor import Work
 from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
 from slipangle.identify.linear.waiting import said, settled, waiting
-from slipangle.identify.stability import SETTLED, breakdown_said, later, noted
+from slipangle.identify.stability import breakdown_said, later, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
@@ -47,8 +46,8 @@ class StateSpace(ScaledEstimator):
 
     A free-run fit without a limit on the poles can end at a model whose free run holds only from the very initial
     state that was estimated along. Where it goes astray from the training data's first samples, the fit is made again
-    with ``max_radius=1``, and says so. Where the order is open and a fit that was compared has a pole outside the unit
-    circle, as drifts and offsets of the data make them, orders are compared with ``max_radius=1`` too, and that is
+    with ``max_radius=1``, and says so. Where the order is open and a fit that is compared has a pole outside the unit
+    circle, as drifts and offsets of the data make them, that order is refined with ``max_radius=1`` too, and that is
     taken unless free runs over held-out data are worse by it.
 
     Parameters
@@ -106,8 +105,7 @@ class StateSpace(ScaledEstimator):
             return _told(model, said(bool(settings.direct), waits), began)
         if isinstance(self.order, int):
             return self._usable(data, self.order)
-        within, choice = compared(self, data)
-        choice, model = within._lasting(data, choice)
+        choice, model = fitted(self, data, self._compared(data))
         model = noted(model, later(model.poles, data)) if self.focus == "simulation" else model
         model = noted(model, held_said(model, choice))
         return _told(model, f"{choice.said}; ", began, candidates=choice.candidates)
@@ -144,10 +142,10 @@ class StateSpace(ScaledEstimator):
         size = float(np.abs(model.poles).max())
         if self.focus != "simulation" or self.max_radius is not None or size <= 1 or follows(model, data):
             return model
-        held = replace(self, max_radius=1.0)._of_order(data, order)
-        if not follows(held, data):
+        within = replace(self, max_radius=1.0)._of_order(data, order)
+        if not follows(within, data):
             return noted(model, _ASTRAY.format(size=size, what="no stable one does better"))
-        return noted(held, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
+        return noted(within, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
 
     def choose_order(self, data: Dataset) -> OrderChoice:
         """Compare the candidate orders on data that their fits have not seen.
@@ -163,8 +161,7 @@ class StateSpace(ScaledEstimator):
         work the samples over which errors, and each of their derivatives, are run: the same on every machine. Orders
         that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and runs
         over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred samples
-        they take as long as a fit or two. Where a refined model has a pole outside the unit circle and no
-        ``max_radius`` is given, the orders are compared once more with poles held inside, for as much work again.
+        they take as long as a fit or two.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
@@ -172,7 +169,7 @@ class StateSpace(ScaledEstimator):
         settings, waits = self._within(scales), dict.fromkeys(data.inputs, 0)
         if self.direct == "chosen":
             settings, waits = settled(settings, scales.data)
-        _, choice = compared(settings, delayed(scales.data, waits))
+        choice = settings._compared(delayed(scales.data, waits))
         return replace(choice, direct=bool(settings.direct), waits=tuple(waits.values()))
 
     def _compared(self, data: Dataset) -> OrderChoice:
@@ -181,7 +178,7 @@ class StateSpace(ScaledEstimator):
         failures: dict[int, str] = {}
         starts, projection = self._starts(seen, parts, orders, failures)
         judged: dict[int, Judged] = {}
-        effort = self._effort(orders, data, seen)
+        effort, held = self._effort(orders, data, seen), Held(self)
 
         def judge(at: int, least: float | None, tolerance: float = ROUGH, most: float = np.inf) -> float:
             order = orders[at]
@@ -192,12 +189,12 @@ class StateSpace(ScaledEstimator):
                     if least is None:
                         judged[order] = self._judged(*starts[order], parts)
                         return judged[order].error
-                    work, known = effort.begin(most), judged.get(order)
-                    start, error = (starts[order][0], np.inf) if known is None else (known.model, known.error)
-                    if tolerance == FINISHED and known is not None:
-                        judged[order] = self._finished(known, seen, parts, work)
-                    else:
-                        judged[order] = self._refined(start, error, seen, parts, least, tolerance, work)
+                    known = judged.get(order, starts[order][0])
+
+                    def refine(how: StateSpace, left: float) -> Judged:
+                        return how._refined(known, seen, parts, least, tolerance, effort.begin(left))
+
+                    judged[order] = held.better(order, refine, most)
                     effort.went_on(at, judged[order].work)
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
@@ -214,9 +211,9 @@ class StateSpace(ScaledEstimator):
         errors, refined, place = searched(judge, shares, effort, alike)
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
-        best, tried = orders[place], [judged[orders[i]] for i in refined if orders[i] in judged]
+        best = orders[place]
         if len(parts) == 1 and best in judged:
-            judged[best] = self._finished(judged[best], seen, parts, effort.begin(np.inf))
+            judged[best] = held.of(best)._finished(judged[best], seen, parts, effort.begin(np.inf))
         at = dict(zip(orders, errors, strict=True))
         if projection is None or len(parts) == 1:
             start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
@@ -230,7 +227,8 @@ class StateSpace(ScaledEstimator):
             holdout=holdout,
             failures=tuple(failures[o] for o in orders if o in failures),
             refined=tuple(orders[i] for i in refined),
-            outside=any(modulus(m.A) > SETTLED for j in tried for m in (j.model, *j.models)),
+            inside=held.of(best) is not self,
+            outside=best in judged and outside(judged[best]),
             candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, at[o])), seen, parts),
         )
 
@@ -247,15 +245,17 @@ class StateSpace(ScaledEstimator):
 
     def _refined(
         self,
-        start: StateSpaceModel,
-        error: float,
+        known: Judged | StateSpaceModel,
         seen: Dataset,
         parts: Sequence[Dataset],
         least: float,
         tolerance: float,
         work: Work,
     ) -> Judged:
-        """An order's models, from a start of this error, refined as far as tells them from those of the least error."""
+        """An order's models, from a start or what is known, refined as far as tells them from the least error's."""
+        start, error = (known.model, known.error) if isinstance(known, Judged) else (known, np.inf)
+        if isinstance(known, Judged) and tolerance == FINISHED:
+            return self._finished(known, seen, parts, work)
 
         def refined(start: StateSpaceModel, tolerance: float) -> Judged:
             pem = self._pem(start, _STEPS)
