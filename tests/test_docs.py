@@ -199,7 +199,7 @@ WARNS = {
         1,
         (
             *("cannot be separated:", "ends at its bound", "differs between the recordings:"),
-            "as the motion of the car tells",
+            *("as the motion of the car tells", "s apart, and the yaw rate follows"),
         ),
     ),
     "identify/judge/validate.py": (

@@ -366,6 +366,14 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/car/widened.py",
+        "identify/car/test_widened.py",
+        [
+            ("a floor on top of the noise", "np.hypot(limits[i] - value,", "np.add(abs(limits[i] - value),"),
+            ("samples as far apart as the car is slow", "(dt / follows) ** 2 / 6", "(dt * follows) ** 2 / 6"),
+        ],
+    ),
+    *mistakes(
         "data/quality/plausible.py",
         "data/quality/test_plausible.py",
         [

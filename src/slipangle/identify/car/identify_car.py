@@ -26,14 +26,14 @@ from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.climb import climb, linear_bicycle
 from slipangle.identify.car.corrections import SLIDES, Correction, corrections, friction_used
-from slipangle.identify.car.effects import believed, extrapolated, in_words, others_as_good
+from slipangle.identify.car.effects import believed, in_words, others_as_good
 from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.logged_speed import following
 from slipangle.identify.car.moved_zero import put_back, with_zeros
 from slipangle.identify.car.rack import with_rack
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
-from slipangle.identify.car.sensors import of_either_scale, scales, sensors
+from slipangle.identify.car.sensors import scales, sensors
 from slipangle.identify.car.side_slip import side_slip
 from slipangle.identify.car.stretches import Stretches, stretches, together
 from slipangle.identify.car.structures import (
@@ -45,7 +45,7 @@ from slipangle.identify.car.structures import (
     first_guess,
     fit,
 )
-from slipangle.identify.car.uncertainty import hull
+from slipangle.identify.car.widened import SMALL, limits_of, too_coarse
 from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
 from slipangle.models.model import ProfileInfo
 from slipangle.models.provenance import provenance
@@ -54,13 +54,8 @@ from slipangle.models.wrappers.delayed import Delayed
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
-# What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
-# transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
-_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
-_FLOOR_FAR, _FLOOR_GAIN_FAR, _FAR = 0.2, 0.04, 0.35  # the same where wheels are turned so far [rad] and farther
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
-_SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
-_SMALL_ALONE = 0.35  # the same of a log of the yaw rate alone; their tangent is a twentieth more
+_SMALL_ALONE = 0.35  # rad, as `SMALL`, of a log of the yaw rate alone; their tangent is a twentieth more
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
@@ -192,7 +187,7 @@ class WholeCar(Checked):
             others, mended = _others(final, dropped, whole.all)
             used = sentences.friction_reached(final)
             final, others = following(final, others, put_back(stretches(logged, self.wheelbase).all, zeros))
-        names, (spread, limits, how) = final.names, _limits(final, others, self._turned(whole.all))
+        names, (spread, limits, how) = final.names, limits_of(final, others, self._turned(whole.all))
         separated = sentences.separated(names, final, limits)
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         odd += sentences.misplaced(final, others, limits)
@@ -202,6 +197,7 @@ class WholeCar(Checked):
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
+            *too_coarse(final, limits),
             *sentences.elsewhere(final, others),
             *sentences.speed(final, others),
             *scales(final, limits, turned),
@@ -287,7 +283,7 @@ class WholeCar(Checked):
         What turned wheels take of the front's force looks like bent tires and like load where the yaw rate is alone,
         and stands in for bent tires at the limit of grip before friction is free.
         """
-        most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else _SMALL
+        most = _SMALL_ALONE if {"v_y", "a_y"}.isdisjoint(data.outputs) else SMALL
         return "delta_r" in data or friction_used(data) > SLIDES or self._turned(data) < most
 
     def _turned(self, data: Dataset) -> float:
@@ -352,7 +348,8 @@ def identify_car(
     -------
     IdentifiedCar
         Its ``model`` is a ``Delayed(SaturatingBicycle)``, `Steered` in between where the steering is late, with
-        `fit_info`; print its ``sentences``.
+        `fit_info`; print its ``sentences``. ``C_f`` and ``C_r`` are those of axles: compliance, roll steer and aligning
+        moments are in them.
 
     Raises MissingColumnError, ParameterError, SampleTimeError or TooShortError if a channel is missing, a number is
     impossible, time is in milliseconds, or the car hardly moves.
@@ -366,35 +363,3 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> tuple[Ot
     others, late = with_lateness(final, others_as_good(final, dropped, data), data)
     others, bent = with_rack(final, others, dropped, data)
     return others, [*late, *bent]
-
-
-def _limits(final: Fitted, others: Others, turned: float) -> tuple[np.ndarray, np.ndarray, str]:
-    """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found.
-
-    Wheels that are ``turned`` farther [rad] scrub more, as each would have to turn by an angle of its own.
-    """
-    spread, limits, how = hull(final.names, final, others)
-    scrub = 0.0 if final.model.ode.small_angles else float(np.clip((turned - _SMALL) / (_FAR - _SMALL), 0.0, 1.0))
-    stiff = _FLOOR + scrub * (_FLOOR_FAR - _FLOOR) if "v_y" in final.model.outputs else _FLOOR_ALONE
-    gain, at_rest = _FLOOR_GAIN + scrub * (_FLOOR_GAIN_FAR - _FLOOR_GAIN), extrapolated(final)
-    floors = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": gain}
-    for i, name in enumerate(final.names):
-        limits[i] += np.array([-1.0, 1.0]) * (floors.get(name, 0.0) + at_rest.get(name, 0.0)) * abs(final.values[name])
-    _hold(final, limits)
-    of_either_scale(final, limits)
-    return spread, np.clip(limits.T, *final.problem.ranges).T, how
-
-
-def _hold(final: Fitted, limits: np.ndarray) -> None:
-    """Widen the limits, shape (n_names, 2), of steering lag and delay by what the hold between samples may have taken.
-
-    A moving angle that is held at its mean for a sample of h is smoothed as by a lag of h / sqrt(3): to second order in
-    frequency both amplitudes fall alike. So far may the lag be larger, and the delay smaller, than they were found.
-    """
-    if "steering_lag" not in final.names:
-        return
-    lag, found, held = final.names.index("steering_lag"), final.values["steering_lag"], final.model.dt**2 / 3
-    limits[lag, 1] = np.sqrt(limits[lag, 1] ** 2 + held)
-    early = np.sqrt(found**2 + held) - found
-    for i, name in enumerate(final.problem.base_names):
-        limits[i, 0] -= early if name == "delay_delta" else 0.0

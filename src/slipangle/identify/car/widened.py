@@ -1,0 +1,80 @@
+"""95 % limits of a car's parameters, with what no fit shows: what a single track leaves out, and the hold of inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.data.dataset import HELD
+from slipangle.identify.car.effects import extrapolated
+from slipangle.identify.car.sensors import of_either_scale
+from slipangle.identify.car.structures import STIFF, Fitted, Others
+from slipangle.identify.car.uncertainty import hull
+
+# What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
+# transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
+_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_FLOOR_FAR, _FLOOR_GAIN_FAR, _FAR = 0.2, 0.04, 0.35  # the same where wheels are turned so far [rad] and farther
+SMALL = 0.15  # rad of the road wheels, up to which their tangent is their angle to a hundredth
+_TOLD, _FINE = 0.05, 0.02  # share of the yaw inertia that a hold takes, from which a word is said, and that is none
+_SHARP = 0.1  # half width of the yaw inertia's interval, over it, that needs no word
+
+
+def limits_of(final: Fitted, others: Others, turned: float) -> tuple[np.ndarray, np.ndarray, str]:
+    """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found.
+
+    Where v_y tells, what it leaves out has nothing to do with the noise and with the structures as good: their squares
+    add. Wheels that are ``turned`` farther [rad] scrub more, as each would have to turn by an angle
+    of its own.
+    """
+    spread, limits, how = hull(final.names, final, others)
+    scrub = 0.0 if final.model.ode.small_angles else float(np.clip((turned - SMALL) / (_FAR - SMALL), 0.0, 1.0))
+    beside = _FLOOR if "v_y" in final.model.outputs else 0.0
+    stiff = scrub * (_FLOOR_FAR - _FLOOR) if beside else _FLOOR_ALONE
+    floors: dict[str, tuple[float, float]] = dict.fromkeys((*STIFF, "gain_M_z"), (beside, stiff))
+    floors["steering_gain"] = 0.0, _FLOOR_GAIN + scrub * (_FLOOR_GAIN_FAR - _FLOOR_GAIN)
+    at_rest = extrapolated(final)
+    for i, name in enumerate(final.names):
+        value, (squared, more) = final.values[name], floors.get(name, (0.0, 0.0))
+        reach = np.hypot(limits[i] - value, squared * abs(value)) + (more + at_rest.get(name, 0.0)) * abs(value)
+        limits[i] = value + np.array([-1.0, 1.0]) * reach
+    _hold(final, limits)
+    of_either_scale(final, limits)
+    return spread, np.clip(limits.T, *final.problem.ranges).T, how
+
+
+def _hold(final: Fitted, limits: np.ndarray) -> None:
+    """Widen the limits, shape (n_names, 2), of steering lag and delay by what the hold between samples may have taken.
+
+    A moving angle that is held at its mean for a sample of h is smoothed as by a lag of h / sqrt(3): to second order in
+    frequency both amplitudes fall alike. So far may the lag be larger, and the delay smaller, than they were found.
+    """
+    if "steering_lag" not in final.names:
+        return
+    lag, found, smoothed = final.names.index("steering_lag"), final.values["steering_lag"], final.model.dt**2 / 3
+    limits[lag, 1] = np.sqrt(limits[lag, 1] ** 2 + smoothed)
+    early = np.sqrt(found**2 + smoothed) - found
+    for i, name in enumerate(final.problem.base_names):
+        limits[i, 0] -= early if name == "delay_delta" else 0.0
+
+
+def yaw_time(final: Fitted) -> float:
+    """Time constant of the yaw rate against its damping by the tires, at the middle of the speeds driven. [s]"""
+    p, v_x = final.model.ode.params, float(np.median(final.problem.data["v_x"]))
+    return final.values["inertia_z"] * v_x / (p.C_f * p.l_f**2 + p.C_r * p.l_r**2)
+
+
+def too_coarse(final: Fitted, limits: np.ndarray) -> list[str]:
+    """Samples too far apart to tell the yaw inertia sharply, and how close they had to be; limits (n_names, 2).
+
+    To second order in frequency the hold of h takes (h w)^2 / 6 of an amplitude, and a share of the inertia that times
+    (T w)^2, with the `yaw_time` T: what lag and relaxation do not make up for of the one, the other does.
+    """
+    low, high = limits[final.names.index("inertia_z")] / final.values["inertia_z"]
+    follows, dt = yaw_time(final), final.model.dt
+    if HELD in final.problem.data.notes or (dt / follows) ** 2 / 6 < _TOLD or high - low < 2 * _SHARP:
+        return []
+    return [
+        f"inertia_z is known to {50 * (high - low):.2g} %: samples are {dt:.3g} s apart, and the yaw rate follows "
+        f"within {follows:.2g} s, so that it looks like lags of steering and tires; give the log at "
+        f"{np.ceil(1 / (follows * np.sqrt(6 * _FINE))):.0f} Hz or more, where it was recorded so, or log faster"
+    ]
