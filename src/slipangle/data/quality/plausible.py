@@ -17,6 +17,7 @@ from slipangle.data.quality.slow_motion import (
     without,
 )
 from slipangle.data.quality.stuck import stuck
+from slipangle.data.quality.swapped import FELT, TIED, with_a_y, with_steering
 from slipangle.data.recordings import by_recording, repeated
 
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
@@ -27,6 +28,7 @@ _SHARES = (
     (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain}"),
     (15.0, 120.0, "{wrong}"),
 )
+_AT_ONE_SPEED = 0.3  # such a share, where understeer cannot be told, up to which more is said than that it understeers
 _IN_DEGREES = "r is logged in deg/s: declare its unit as deg/s"
 _IN_RADIANS = "delta is logged in rad, and was declared as deg: declare its unit as rad"  # where r turns as a car may
 _CERTAIN = 2.0  # standard errors of a share, within which it has to stay where none is usual
@@ -115,6 +117,10 @@ def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
         return tuple(said)
     if _swapped(smooth, wheelbase, drives):
         return (*said, "v_y moves as r should, with delta, and r as v_y: r and v_y are swapped; check their columns")
+    if with_a_y(smooth, tuple(each[:2] for each in _OF_A_Y)):
+        return (*said, "r moves as a_y should, as v_x a_y does: r and a_y are swapped; check their columns")
+    if _swapped_with_steering(fast, smooth, wheelbase, drives):
+        return (*said, "r comes before delta, and moves as delta should: delta and r are swapped; check their columns")
     cornering, about_r = _cornering(fast, smooth, wheelbase)
     said += cornering
     rear = _rear(smooth)
@@ -151,6 +157,17 @@ def a_y_of_turning(data: Dataset) -> float:
     parts, smooth, _ = smoothed(data.experiments, ["v_x", "r", "a_y"])
     slope, agree = slope_of(smooth["v_x"] * smooth["r"], smooth["a_y"]) if parts else (0.0, 0.0)
     return slope if agree > _FOLLOWS else 0.0
+
+
+def _swapped_with_steering(
+    fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray
+) -> bool:
+    """Whether delta and r are under each other's name."""
+    if "delta_r" in smooth:
+        return False
+    back = smooth | {"r": smooth["delta"], "delta": smooth["r"]}
+    now, then = (_asked(each, wheelbase, drives)[:2] for each in (smooth, back))
+    return with_steering(fast, now, then)
 
 
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
@@ -191,7 +208,7 @@ def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: fl
 def _speed_agrees(smooth: dict[str, np.ndarray]) -> bool:
     """Whether a_y is about v_x r, so that no unit of v_x is wrong."""
     slope, agree = slope_of(smooth["v_x"] * smooth["r"], smooth["a_y"]) if "a_y" in smooth else (0.0, 0.0)
-    return agree > 0.7 and 0.6 < slope < 1.7
+    return agree > TIED and FELT[0] < slope < FELT[1]
 
 
 def _late(fast: list[Dataset]) -> tuple[float, float]:
@@ -228,6 +245,16 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
         f"{words.format(**_at_most_twice(gain, 1 + sure / gain), speed=speed, wrong=wrong)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "command" not in words)
+    ] or _at_one_speed(gain, sure, speed)
+
+
+def _at_one_speed(gain: float, sure: float, speed: str) -> list[str]:
+    """A sentence on a share of delta that a speed in km/h has, or a command, or much understeer at the one speed."""
+    if not (speed and _SHARES[-3][1] < gain < _AT_ONE_SPEED - sure):
+        return []
+    return [
+        f"r wheelbase / v_x is about {gain:.2g} of delta at the one speed that was driven: {speed}delta is a command, "
+        "or the car understeers that much; drive at another speed to tell, until then no interval holds"
     ]
 
 

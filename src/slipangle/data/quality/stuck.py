@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 
@@ -12,6 +14,10 @@ _SLOW = 0.7  # Hz, below which a car nearly follows its steering
 _STUCK = 1.0  # s
 _DEAD = 10.0  # s at the end of a drive, for which a speed is not the same by chance
 _COARSE = 1.5  # steps of a resolution, fewer than which are one
+_BODY = 2.0  # Hz, below which a car still answers its steering
+_SELDOM = 0.3  # share of the samples of a steering that are those before, up to which one at rest for long is odd
+_LONG, _CREEPS = 2.0, 0.1  # s at rest from which it is, and speed over the largest from which the car drives then
+_TURNS, _NOISE = 0.5, 4.0  # swing of r / v_x then, over its standard deviation and in addition its noise
 _LEAP = 3.0  # usual steps of a speed, with more of which it goes on after it was stuck
 
 
@@ -20,7 +26,8 @@ def stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
     found, steers, fastest = {}, 0.2 * np.std(data["delta"]), 0.3 * np.max(data["v_x"])
     experiments = set(zip(data.starts, data.stops, strict=True))
     swings = 1.5 * np.std(data["r"] / np.maximum(data["v_x"], fastest))
-    held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0]
+    odd = _swings_anew(data)
+    held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0 or odd(a, b)]
     found |= {"delta": held} if held else {}
     for name in ("r", "v_y", "a_y", "v_x"):
         if name not in data or np.ptp(data[name]) == 0:
@@ -67,6 +74,30 @@ def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:
     return float(np.ptp(low_pass(data["r"][a:b] / data["v_x"][a:b], data.dt)))
 
 
-def low_pass(x: np.ndarray, dt: float) -> np.ndarray:
-    """What is slow enough for a car to nearly follow its steering."""
-    return scipy.signal.sosfiltfilt(scipy.signal.butter(2, min(2 * dt * _SLOW, 0.9), output="sos"), x)
+def _swings_anew(data: Dataset) -> Callable[[int, int], bool]:
+    """Whether r / v_x swings from side to side in rows over which a steering rests that hardly ever does.
+
+    At a steering that is held r / v_x changes with understeer, as speed does, but not its sign. One that comes in steps
+    rests on any straight.
+    """
+    same = np.concatenate([np.diff(part["delta"]) == 0 for part in data.experiments])
+    least, rows = _CREEPS * float(np.max(data["v_x"])), max(round(_STUCK / data.dt), 1)
+    drives = data["v_x"] > least
+    if np.mean(same) > _SELDOM or not least > 0:
+        return lambda a, b: False
+    turn = data["r"] / np.maximum(data["v_x"], least)
+    noise = float(np.median(np.abs(np.diff(turn)[drives[1:]]))) if drives[1:].any() else 0.0
+    usual = _TURNS * float(np.std(turn[drives])) + _NOISE * noise
+
+    def swings(a: int, b: int) -> bool:
+        if (b - a) * data.dt < _LONG or not drives[a:b].all():
+            return False
+        inside = low_pass(turn[a + rows : b], data.dt, _BODY)
+        return float(np.ptp(inside)) > usual > 0 and float(min(inside.max(), -inside.min())) > 0.2 * usual
+
+    return swings
+
+
+def low_pass(x: np.ndarray, dt: float, below: float = _SLOW) -> np.ndarray:
+    """What is slow enough for a car to nearly follow its steering, or slower than so many Hz."""
+    return scipy.signal.sosfiltfilt(scipy.signal.butter(2, min(2 * dt * below, 0.9), output="sos"), x)

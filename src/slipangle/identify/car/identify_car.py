@@ -23,7 +23,7 @@ from slipangle.errors import (
     SampleTimeError,
 )
 from slipangle.fields import Checked
-from slipangle.identify.car import sentences
+from slipangle.identify.car import play, sentences
 from slipangle.identify.car.climb import climb, linear_bicycle
 from slipangle.identify.car.corrections import SLIDES, Correction, corrections, friction_used
 from slipangle.identify.car.effects import believed, in_words, others_as_good
@@ -192,7 +192,7 @@ class WholeCar(Checked):
         odd = [*sentences.turning(final, self.steering_gain), *sentences.impossible(names, final, limits, used)]
         odd += sentences.misplaced(final, others, limits)
         left = [*sentences.held(mended, doubted=bool(suspect or odd)), *sentences.left_out(whole)]
-        left += [zero.sentence for zero in zeros]
+        left += [*(zero.sentence for zero in zeros), *play.in_words(final, whole.all)]
         wrong = (*left, *suspect, *filter(None, [weight]), *sensors(final, spread), *odd)
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
