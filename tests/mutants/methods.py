@@ -574,8 +574,8 @@ MUTANTS = [
         [
             (
                 "exact Hessian: which sign of a pivot is a maximum",
-                "r->R[i * NU * NU + j * NU + j] < -FALLS * top",
-                "r->R[i * NU * NU + j * NU + j] > FALLS * top",
+                "r->R[i * NU * NU + j * NU + j] < -FALLS * r->top",
+                "r->R[i * NU * NU + j * NU + j] > FALLS * r->top",
             ),
             ("exact Hessian: back to a maximum from what is better", "if (!better)", "if (better)"),
         ],

@@ -14,7 +14,7 @@ from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.realtime.curvature import curvature_function
-from slipangle.optimal.solution import Status
+from slipangle.optimal.solution import CURVED, Status
 from slipangle.optimal.terms import Limits, Weights
 
 pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
@@ -86,6 +86,8 @@ def test_an_economic_cost_ends_where_a_plain_program_does(qp):
         assert again.u == pytest.approx(plan.u, abs=1e-8)
         other = gauss_newton.plan(x, rate=0.0)
         lost += not (other.status is Status.SOLVED and other.cost < cost * (1 + 1e-6))
+        assert (CURVED in other.message) == (other.status is not Status.SOLVED)
+        assert CURVED not in plan.message
     assert lost == 6  # none converges; one may come near by its last iteration
 
 
@@ -151,6 +153,21 @@ def test_what_it_does_not_go_with_is_said(monkeypatch):
     monkeypatch.setattr(backend, "_say_once", lambda words: None)
     with pytest.raises(ParameterError, match="no C compiler"):
         posed().plan(x, rate=0.0)
+
+
+def test_an_exact_hessian_is_named_only_where_there_is_one(monkeypatch):
+    """Not to who takes real-time iterations, whose first plan is to convergence, nor beside an implicit integrator."""
+    x = np.array([0.7, -0.5])
+    for settings in ({"solver": RealTime(max_iterations=3)}, {"steps": (1,) * (N - 1) + (2,)}):
+        usual = {"solver": RealTime(iterations=0, max_iterations=3)} | settings
+        plan = posed(**usual).plan(x, rate=0.0)
+        assert not plan.status.solved
+        assert CURVED not in plan.message
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    monkeypatch.setattr(backend, "_say_once", lambda words: None)
+    plan = posed(solver=RealTime(iterations=0, max_iterations=3)).plan(x, rate=0.0)
+    assert plan.status is Status.ITERATION_LIMIT
+    assert CURVED not in plan.message
 
 
 def test_it_is_what_ipopt_finds_with_a_huber_cost():

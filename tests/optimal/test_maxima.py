@@ -1,5 +1,6 @@
 """With an exact Hessian a plan does not end at a maximum, where no first derivative leads anywhere."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.ops import cos, sin
 from slipangle.optimal.solution import Status
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
@@ -95,9 +97,40 @@ def test_a_maximum_that_limits_hold_is_an_optimum(qp, limits):
 
 @pytest.mark.parametrize("qp", ABLE)
 def test_no_more_steps_are_taken_than_there_are(qp):
-    """Where they do not suffice for anything better, what was found stays."""
+    """Where they do not suffice for anything better, what was found stays, no optimum; later plans go on there."""
     mpc = hill(30, qp, solver=sa.RealTime(iterations=0, hessian="exact", qp=qp, max_iterations=1))
     plan = mpc.plan(np.zeros(1))
     assert plan.iterations == 1
-    assert plan.status is Status.SOLVED
+    assert plan.status is Status.ITERATION_LIMIT
+    assert plan.age == 0
     assert plan.u == pytest.approx(0.0)
+    assert plan.violation < 1e-9
+    later = replace(mpc, solver=exact(qp)).plan(np.zeros(1), previous=plan)
+    assert later.status is Status.SOLVED
+    assert np.abs(later.u) == pytest.approx(1.0)
+
+
+def test_steps_beside_it_that_were_cut_short_are_kept_where_they_are_cheaper():
+    """A pendulum up from hanging: where steps ran out on the way, the plan that hangs on was named an optimum."""
+    model = sa.Ode(
+        f=lambda x, u, p: [x[1], 9.81 * sin(x[0]) + u[0]], states=("q", "w"), inputs=("u",), params={}, dt=0.1
+    )
+    mpc = sa.MPC(
+        model,
+        horizon=30,
+        Q=sa.Weights(height=10.0, w=0.1),
+        R=sa.Weights(u=0.1),
+        terms={"height": lambda x, u, p: 1.0 - cos(x[0])},
+        limits=sa.Limits(u=5.0),
+        solver=exact("auto"),
+    )
+    hanging, plans = np.array([np.pi, 0.0]), []
+    for most in (1, 2, 4, 8, 16, 400):
+        plans.append(replace(mpc, solver=replace(exact("auto"), max_iterations=most)).plan(hanging))
+    for plan in plans:
+        assert plan.age == 0
+        assert plan.violation < 1e-6
+        assert plan.cost <= plans[0].cost
+    assert {plan.status for plan in plans[:-1]} == {Status.ITERATION_LIMIT}
+    assert plans[-1].status is Status.SOLVED
+    assert plans[-2].cost < 0.9 * plans[0].cost

@@ -276,7 +276,7 @@ class MPC(Fallbacks):
         answer["controls"], answer["times"] = self.controls, self.times
         answer["seconds"] = seconds = perf_counter() - begin
         late = self.deadline is not None and seconds > self.deadline
-        answer["health"] = health.after(False, late, answer.get("detail") == ANEW)
+        answer["health"] = health.after(False, late, answer.get("detail", "").startswith(ANEW))
         return quick(Plan, answer)
 
     def _ended(self, call: Call, solution: Solution) -> Plan:
@@ -307,7 +307,7 @@ class MPC(Fallbacks):
             "detail": both(both(solution.detail, call.doubt), said),
             "times": self.times,
             "health": health_of(previous).after(
-                False, self.deadline is not None and seconds > self.deadline, solution.detail == ANEW
+                False, self.deadline is not None and seconds > self.deadline, solution.detail.startswith(ANEW)
             ),
             "seconds": seconds,
         }

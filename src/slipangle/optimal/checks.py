@@ -204,6 +204,16 @@ def stuck(previous: Plan) -> bool:
     return isinstance(previous.status, Status) and previous.status in _STUCK and age > 0 and age % 2 == 0
 
 
+def misses_after(previous: Plan | None) -> int:
+    """How many fallbacks in a row came before one by missed hard limits: the next solve looks in fewer places.
+
+    The first of a row does not count, as it may be of real-time iterations, which look for a plan where they are.
+    """
+    if previous is None or previous.status is not Status.INFEASIBLE:
+        return 0
+    return max(counted(previous.age) - 1, 0)
+
+
 def written(previous: Plan, states: tuple[int, ...]) -> bool:
     """Whether the states of a plan of somebody else, of that shape, are to be begun with: not those of a fallback."""
     return counted(previous.age) == 0 and is_numbers(previous.x, states)

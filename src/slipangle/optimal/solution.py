@@ -48,6 +48,7 @@ class Status(Enum):
 
 FEASIBLE = 1e-6  # an unfinished answer with no larger violation of a constraint is still a plan
 ANEW = "begun anew, as where it began led nowhere"  # of a plan that did not start from the one before
+CURVED = "its steps take squares of errors for curvature: RealTime(iterations=0, hessian='exact') knows all of it"
 MOST_ATTEMPTS = 50  # solves in a row that go on from an unfinished one; then another start is better
 RETRIES = 5  # of these, every so many begin from nothing, as limits that were in the way may be gone
 _ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME

@@ -2,7 +2,6 @@
    is no solution that plan is shifted or the stop law takes over. The same decisions as those of `MPC.plan`. */
 
 #define MOST_ATTEMPTS 50 /* solves in a row that go on from an unfinished one; then another start is better */
-#define RETRIES 5 /* of these, every so many begin from nothing, as limits that were in the way may be gone */
 #define WHOLE_TURN 6.283185307179586
 
 typedef struct {
@@ -11,7 +10,7 @@ typedef struct {
     Around around;
     double pace; /* what a fallback has needed lately [s] */
     int64_t attempts;
-    int plans, age, stopping, found, kept, kept_age, stuck; /* stuck: see `stuck` */
+    int plans, age, stopping, found, kept, kept_age, stuck, misses; /* stuck: see `stuck`; misses: of the next solve, see Work */
 } Controller;
 
 #define ALIGNED sizeof(V)
@@ -232,7 +231,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
             c->pace = smaller(0.8 * c->pace + 0.2 * smaller(now(&s->qp) - start, 2 * c->pace), 0.5 * limit);
     } else
         keep_plan(c);
-    c->stuck = stuck(status, c->age);
+    c->stuck = stuck(status, c->age), c->misses = status == INFEASIBLE && c->age > 1 ? c->age - 1 : 0;
     memcpy(out->x, c->x, sizeof c->x);
 #if CAR_DECIDED > 0
     for (int i = 0; i < CAR_DECIDED; i++)

@@ -13,6 +13,7 @@ static int solve(Controller *c)
         s->fresh = FROM_NOTHING;
     if (!whole)
         c->attempts = 0;
+    s->misses = c->misses;
     int status = rt_solve(s);
     int answer = moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
     c->attempts = status == TIME_OUT || status == ITERATION_LIMIT ? c->attempts + 1 : 0;

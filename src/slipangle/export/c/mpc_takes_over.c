@@ -2,7 +2,7 @@
 void car_take_over(car_controller *memory, const car_handed *from)
 {
     Controller *c = own(memory);
-    c->plans = 1, c->found = 0, c->attempts = 0;
+    c->plans = 1, c->found = 0, c->attempts = 0, c->misses = 0;
     c->age = from->age, c->stopping = from->stopping, c->kept = from->kept_u != NULL, c->kept_age = from->kept_age;
     memcpy(c->u, from->u, sizeof c->u);
     for (int i = 0; i < (N + 1) * NX; i++) {

@@ -22,7 +22,7 @@ int car_plan_from(car_controller *memory, const car_input *in, const double *u, 
     memcpy(s->u, u, sizeof s->u);
     memcpy(s->x, x, sizeof s->x);
     memcpy(s->x, s->x0, sizeof s->x0);
-    s->fresh = GIVEN, s->time_limit = larger(c->around.seconds - now(&s->qp), 0);
+    s->fresh = GIVEN, s->misses = 0, s->time_limit = larger(c->around.seconds - now(&s->qp), 0);
     int status = car_rt_solve(s), answer = moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
     if ((status == SOLVED || status == ITERATED) && !answer)
         status = NOT_FINITE;
@@ -30,7 +30,7 @@ int car_plan_from(car_controller *memory, const car_input *in, const double *u, 
         c->found = 0;
         return 0;
     }
-    c->attempts = status == TIME_OUT || status == ITERATION_LIMIT, c->stuck = 0;
+    c->attempts = status == TIME_OUT || status == ITERATION_LIMIT, c->stuck = c->misses = 0;
     keep_plan(c);
     memcpy(out->command, c->u, sizeof out->command);
     memcpy(out->u, c->u, sizeof c->u);

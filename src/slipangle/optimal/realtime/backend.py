@@ -57,7 +57,8 @@ class RealTime(Checked):
         rounding makes the cost the same, steps are taken until they no longer shrink. Where it keeps a step that
         follows one of at most 1e-8 from doing any good, the plan is solved too; `Plan.residual` is then that step.
     max_iterations : int
-        Most steps to convergence, of all starts together: where hard limits are missed, it begins anew elsewhere.
+        Most steps to convergence, of all starts together: where hard limits are missed, it begins anew elsewhere; in
+        a row of fallbacks that missed them, at one of these starts by turns, and at all of them every fifth time.
     newton : float
         Accuracy of the implicit integrator's stages, relative to 1 + |state|. [-]
     accept : float
@@ -70,8 +71,8 @@ class RealTime(Checked):
         Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
         the multipliers of the step before: all of them where they are positive on what the held limits leave free,
         else positive semidefinite node by node, without negative eigenvalues of what they add. Unless condensed, it
-        tells a maximum from an optimum, and leaves it. "exact" is for costs that are no squares, goes with
-        ``iterations=0``, explicit integrators and a compiler.
+        tells a maximum from an optimum, and leaves it, or does not name it `SOLVED`. "exact" is for costs that are no
+        squares, goes with ``iterations=0``, explicit integrators and a compiler.
 
     References
     ----------

@@ -13,6 +13,7 @@ from slipangle.codegen.expression import scalars
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.repeated import Chain, chain, one_step
+from slipangle.optimal.joined import Joined
 from slipangle.optimal.linked import Linked
 from slipangle.optimal.ocp import OCP
 
@@ -167,13 +168,20 @@ def require_curvature(ocp: OCP) -> None:
     ParameterError
         With what stands in its way.
     """
-    model = ocp.model
+    what = in_the_way(ocp)
+    if what:
+        raise ParameterError(f"{what}, which the exact Hessian does not go with; expected Gauss-Newton: RealTime()")
+
+
+def in_the_way(ocp: OCP) -> str:
+    """What stands in the way of an exact Hessian; nothing where the problem has one here."""
+    base = ocp.base if isinstance(ocp, Joined) else ocp
+    phases = isinstance(base, Linked)
+    model: Any = None if phases else base.model
     wrong = {
         "there is no C compiler": not compiler(),
-        "the problem has several phases": isinstance(ocp, Linked),
-        "its stages are several steps long": ocp.steps is not None,
+        "the problem has several phases": phases,
+        "its stages are several steps long": base.steps is not None,
         "the model steps by an implicit integrator": isinstance(model, OdeModel) and model.method == "radau",
     }
-    for what, found in wrong.items():
-        if found:
-            raise ParameterError(f"{what}, which the exact Hessian does not go with; expected Gauss-Newton: RealTime()")
+    return next((what for what, found in wrong.items() if found), "")

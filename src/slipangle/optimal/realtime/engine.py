@@ -14,14 +14,16 @@ import numpy as np
 
 from slipangle.codegen.struct import Struct
 from slipangle.optimal.arrays import DOUBLE
-from slipangle.optimal.checks import stuck, written
+from slipangle.optimal.checks import misses_after, stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime.curvature import in_the_way
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
 from slipangle.optimal.solution import (
     ANEW,
+    CURVED,
     MOST_ATTEMPTS,
     RETRIES,
     Plan,
@@ -37,6 +39,7 @@ OUTCOMES = [
     Status[name] for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED".split()
 ]
 RESUMED = {i for i, status in enumerate(OUTCOMES) if status.resumes}
+UNFOUND = {OUTCOMES.index(s) for s in (Status.ITERATION_LIMIT, Status.STALLED, Status.INFEASIBLE, Status.FAILED)}
 DOUBTFUL = len(OUTCOMES)
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY = range(6)
 
@@ -120,6 +123,7 @@ class WorkArea(Engine):
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
         self._u, self._x, self._corridor = (view[n] for n in ("u", "x", "corridor"))
         self._iterations, self._anew, self._fresh = view["iterations"], view["anew"], view["fresh"]
+        self._misses = view["misses"]
         self._way_u, self._way_x = view["way_u"], view["way_x"]
         self._way = _block(self._way_u, self._way_x)
         self._found = _block(view["u"], view["residual"])  # all of it starts a later solve
@@ -155,7 +159,7 @@ class WorkArea(Engine):
         self._ready = None
         self._set(start.x, start.applied, start.reference)
         self._u[:], self._x[:] = start.guess_u, between(start.guess_x, self.ocp.nodes)
-        self._fresh[0] = GIVEN
+        self._fresh[0], self._misses[0] = GIVEN, 0
         return self._run()
 
     def resume(
@@ -168,6 +172,7 @@ class WorkArea(Engine):
             self._x0[:] = x
             return self._run(self._library.rt_feedback)
         self._set(x, applied, reference)
+        self._misses[0] = misses_after(previous)
         if self._ours(memory):
             self._recall(memory)
             self._fresh[0] = self._goes_on(memory.unfinished)
@@ -207,7 +212,7 @@ class WorkArea(Engine):
         if self._drawn:
             self._r.fill(0.0)
             self._drawn = False
-        self._fresh[0] = self._goes_on(attempts)
+        self._fresh[0], self._misses[0] = self._goes_on(attempts), 0
         if self._timed or seconds is not None:
             self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
             self._timed = seconds is not None
@@ -376,8 +381,14 @@ class WorkArea(Engine):
             "violation": violation,
             "residual": residual,
             "memory": quick(Memory, memory),
-            "detail": ANEW if self._anew.item() else "",
+            "detail": self._said(outcome) if outcome > 1 or self._anew.item() else "",
         }
+
+    def _said(self, outcome: int) -> str:
+        """That it began anew, and what may find the plan to convergence that these steps did not."""
+        curved = self._settings.iterations == 0 and self._settings.hessian != "exact" and outcome in UNFOUND
+        curved = curved and not in_the_way(self.ocp)
+        return "; ".join(words for words, said in ((ANEW, self._anew.item()), (CURVED, curved)) if said)
 
 
 class CompiledEngine(EngineOfThreads):

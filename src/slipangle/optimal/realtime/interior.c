@@ -220,6 +220,21 @@ static void guess_modes(Work *s)
     }
 }
 
+/* Whether hard limits are kept to a few digits. */
+static int keeps_rows(const Work *s)
+{
+    const Stages *r = &s->stages;
+    const Qp *q = &s->qp;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        double over = r->value[i] - q->hi[i], under = q->lo[i] - r->value[i], limit = over > under ? q->hi[i] : q->lo[i];
+        double size = 1 + fabs(limit) + fabs(r->value[i]);
+        if (!(q->plain[i] < INFINITY) && !(larger(over, under) <= FEW_DIGITS * size))
+            return 0;
+    }
+    return 1;
+}
+
 /* The exact answer from an interior point; or that point itself on the way, where rows that are held depend on each other. */
 static int from_point(Work *s, double more)
 {
@@ -233,7 +248,7 @@ static int from_point(Work *s, double more)
     memcpy(v, r->v, sizeof v);
     memcpy(price, r->price, sizeof price);
     memcpy(mode, r->mode, sizeof mode);
-    int near = s->step > ON_THE_WAY && (gradient_of_rows(s, 1e-300) <= FEW_DIGITS || balance_of_rows(s) <= FEW_DIGITS);
+    int near = s->step > ON_THE_WAY && keeps_rows(s) && (gradient_of_rows(s, 1e-300) <= FEW_DIGITS || balance_of_rows(s) <= FEW_DIGITS);
     status = by_rows(s, MOST_FACTORS);
     if (status != QP_NUMBER || !near)
         return status;

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from slipangle.codegen.expression import only
-from slipangle.optimal.checks import led_nowhere, stuck, written
+from slipangle.optimal.checks import led_nowhere, misses_after, stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
@@ -178,6 +178,7 @@ class WorkArea(Engine):
         self._change, self._varied = change * np.tile(self._scale, n), False
         self._weigh(ocp.stage_weights)
         self._k = np.zeros((steps, self._nk))
+        self._misses = 0  # fallbacks in a row before the last one, which was by missed limits
         self._shortened = False  # whether a step of a solve to convergence was
         self._jumps: Any = dense(jump_function(ocp)) if ocp.jumps else None
         self._quick = None if quick is None else InputStep(ocp, *quick)
@@ -195,6 +196,7 @@ class WorkArea(Engine):
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
         self._begin(start.x, start.applied, start.reference)
+        self._misses = 0
         return self._run_given(start.guess_u, between(start.guess_x, self.ocp.nodes), given=True)
 
     @np.errstate(all="ignore")  # what is no number is looked for and said
@@ -205,6 +207,7 @@ class WorkArea(Engine):
         ocp, (n, nx, nu) = self.ocp, self._sizes
         memory = previous.start if previous is not None else None
         self._begin(x, applied, reference)
+        self._misses = misses_after(previous)
         if self._ours(memory):
             if memory.unfinished and memory.unfinished % RETRIES == 0 and not isinstance(ocp, Joined):
                 return self._begin_aside(memory)
@@ -362,14 +365,23 @@ class WorkArea(Engine):
         found = self._converge(u, x, self._settings.max_iterations - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
 
+    def _has_turn(self, start: int) -> bool:
+        """Whether a start that limits are looked for from, the first being that of input 0, is tried.
+
+        All of them are, but where limits were out of reach just before too they take turns.
+        """
+        return self._misses % RETRIES == 0 or (self._misses - 1) % (len(self.ocp.controls) + 3) == start
+
     def _halfway(self, before: Solution, unfinished: int) -> Solution:
         """Where a solve led nowhere, or limits are missed, two last starts: inputs in the middle of their ranges."""
         middle, found = self.ocp.input_bounds.mean(axis=1), before
         u = np.tile(np.where(np.isfinite(middle), middle, self._applied), (len(before.u), 1))
-        for begin in (self._heading, self._staying):
+        for start, begin in enumerate((self._heading, self._staying), len(middle) + 1):
             lost = found.status is Status.INFEASIBLE or led_nowhere(found.status, found.violation)
             if not lost or found.iterations >= self._settings.max_iterations:
                 break
+            if found.status is Status.INFEASIBLE and not self._has_turn(start):
+                continue
             found = self._from(u, found.iterations, unfinished, begin)
         if before.status is not Status.INFEASIBLE or _leads_on(found):
             return found
@@ -380,7 +392,8 @@ class WorkArea(Engine):
 
         Whole steps of a car that slides from a start where it rolls lead to where no step keeps it on the road.
         """
-        if self._soft.all() or missed.iterations >= self._settings.max_iterations:
+        last = len(self.ocp.controls)
+        if self._soft.all() or not self._has_turn(last) or missed.iterations >= self._settings.max_iterations:
             return missed
         self._qp.reach = GENTLE
         found = self._from(begun, missed.iterations, unfinished, self._following)
@@ -398,6 +411,8 @@ class WorkArea(Engine):
         for j in range(len(both) if len(self._plain) else 0):
             if found.iterations >= self._settings.max_iterations:
                 break
+            if not self._has_turn(j):
+                continue
             u = missed.u.copy()
             u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
             same = bool(np.abs(u[:, j] - missed.u[:, j]).max() <= SETTLED * self._scale[j])

@@ -177,7 +177,9 @@ static double update_prices(Work *s, int slow)
     for (int k = 0; k < r->rows; k++) {
         int i = r->row[k];
         if (r->mode[i] == KEPT || r->mode[i] == PAID) {
-            double off = fabs(r->after[i] - r->price[i]) / r->stiff[i];
+            double off = fabs(r->after[i] - r->price[i]) / r->stiff[i]; /* nothing where a price is beyond all numbers */
+            if (r->mode[i] == KEPT)
+                off = larger(off, fabs(r->sign[i] > 0 ? r->value[i] - q->hi[i] : q->lo[i] - r->value[i]));
             double rel = off / (1 + fabs(r->sign[i] > 0 ? q->hi[i] : q->lo[i]) + fabs(r->value[i]));
             worst = larger(worst, rel);
             if (slow && rel > EXACT && rel > 0.1 * r->off[i] && r->stiff[i] < STIFFEST / STIFF * r->top)

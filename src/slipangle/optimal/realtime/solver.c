@@ -1371,6 +1371,13 @@ static int begin_anew(Work *s, int status)
     return status;
 }
 
+/* Whether a start that limits are looked for from, the first being that of input 0, is tried: all of them are, but where
+   limits were out of reach just before too they take turns. */
+static int has_turn(const Work *s, int start)
+{
+    return s->misses <= 0 || s->misses % RETRIES == 0 || (s->misses - 1) % (NU + 3) == start;
+}
+
 /* Where that led nowhere either, or limits are missed, two last starts: inputs in the middle of their ranges, and states
    that head for the end or stay. */
 static int begin_halfway(Work *s, int status)
@@ -1380,6 +1387,8 @@ static int begin_halfway(Work *s, int status)
     for (int states = HEAD_FOR_END; states >= STAY; states--) {
         if ((ended != INFEASIBLE && !nowhere(s, ended)) || s->iterations >= s->max_iterations)
             break;
+        if (ended == INFEASIBLE && !has_turn(s, NU + 1 + HEAD_FOR_END - states))
+            continue;
         for (int a = 0; a < N * NU; a++) {
             double middle = 0.5 * (INPUT_LOW[a % NU] + INPUT_HIGH[a % NU]);
             s->u[a] = fabs(middle) < INFINITY ? middle : s->applied[a % NU];
@@ -1397,7 +1406,7 @@ static int begin_halfway(Work *s, int status)
 static int begin_gently(Work *s, int status)
 {
     int64_t anew = s->anew;
-    if (status != INFEASIBLE || !has_hard(s) || s->iterations >= s->max_iterations)
+    if (status != INFEASIBLE || !has_hard(s) || !has_turn(s, NU) || s->iterations >= s->max_iterations)
         return status;
     memcpy(s->u, s->begun_u, sizeof s->u);
     s->reach = GENTLE;
@@ -1420,6 +1429,8 @@ static int look_elsewhere(Work *s, int status)
     memcpy(missed, s->u, sizeof s->u);
     for (int j = 0; j < NU && N_LIMITS > 0 && status == INFEASIBLE && s->iterations < s->max_iterations; j++) {
         double both = INPUT_LOW[j] + INPUT_HIGH[j], most = 0;
+        if (!has_turn(s, j))
+            continue;
         memcpy(s->u, missed, sizeof s->u);
         for (int i = 0; i < N; i++) {
             s->u[i * NU + j] = (fabs(both) < INFINITY ? both : 0) - missed[i * NU + j];
@@ -1464,6 +1475,16 @@ static int go_on(Work *s)
     return converge(s, s->max_iterations - s->iterations, 0);
 }
 
+static int no_saddle(Work *s, int status)
+{
+#if defined RICCATI && defined CURVED
+    return leave_saddle(s, status);
+#else
+    (void)s;
+    return status;
+#endif
+}
+
 /* What many steps, or one that was cut short, lead to may be a local optimum, dearer than the inputs that the solve began
    with and the states that these lead to. Then it begins anew from those, and stays there if that is the better one. */
 static int begin_cheaper(Work *s, int status)
@@ -1479,7 +1500,7 @@ static int begin_cheaper(Work *s, int status)
         merit(s, &cost, &violation);
         if (violation <= FEASIBLE && 2 * cost < s->cost - DEARER * fabs(s->cost)) {
             if (go_on(s) == SOLVED && s->cost < s->left_numbers[0])
-                return SOLVED;
+                return no_saddle(s, SOLVED);
             price_limits(s, 0);
         }
     }
@@ -1656,9 +1677,7 @@ int rt_solve(Work *s)
         memcpy(s->begun_u, s->u, sizeof s->u);
         s->shortened = s->fresh == GIVEN; /* by somebody, with any states */
         status = begin_halfway(s, begin_gently(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0)))));
-#if defined RICCATI && defined CURVED
-        status = leave_saddle(s, status);
-#endif
+        status = no_saddle(s, status);
         status = given ? begin_cheaper(s, status) : status;
         keep_inputs(s);
         if (again && !leads_on(s, status)) {

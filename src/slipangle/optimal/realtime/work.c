@@ -51,6 +51,7 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define NO_NEARER_PAID 5 /* the same where no step keeps the limits */
 #define GENTLE 0.1 /* most that the first step of such a start changes an input; a whole one lets the next go twice as far ... */
 #define FREE 4 /* ... and from here on as far as it likes */
+#define RETRIES 5 /* solves in a row after which one looks everywhere, as what was in the way may be gone */
 #define MORE 30 /* most of them, where full steps were not enough */
 
 typedef struct {
@@ -62,7 +63,7 @@ typedef struct {
     double safe[NU], relaxing[N]; /* of the stop law: where it goes, and how much is left of the way at each stage */
     double way_u[N * NU], way_x[(N + 1) * NX]; /* of a fallback, as one block: what it follows, then what it is */
     double tolerance, time_limit, newton, accept;
-    int64_t max_iterations, fixed, fresh;
+    int64_t max_iterations, fixed, fresh, misses; /* misses: fallbacks in a row before the last one, which was by missed limits */
     /* the iterate and what Python reads, u to residual as one block */
     double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
