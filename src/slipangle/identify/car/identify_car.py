@@ -197,7 +197,7 @@ class WholeCar(Checked):
         changed = [*sentences.changes(stages), *sentences.steering(final, others, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
-            *too_coarse(final, limits),
+            *too_coarse(final),
             *sentences.elsewhere(final, others),
             *sentences.speed(final, others),
             *scales(final, limits, turned),
