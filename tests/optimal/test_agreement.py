@@ -381,7 +381,7 @@ def test_limits_that_a_second_start_keeps_are_not_named_infeasible(own, most):
         posed[-1].plan(x, **said),
     )
     assert plan.status is Status.ITERATION_LIMIT
-    assert plan.detail == ANEW
+    assert plan.detail.startswith(ANEW)
     assert inputs(plan) == pytest.approx(inputs(theirs), abs=1e-5)
 
 
@@ -439,7 +439,7 @@ def test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible(own,
     plan = replace(posed[0], solver=own).plan(x, **said)
     assert posed[-1].plan(x, **said).status is Status.INFEASIBLE
     assert plan.status is Status.INFEASIBLE
-    assert plan.detail == ""  # no start found more than the first did
+    assert ANEW not in plan.detail  # no start found more than the first did
     assert plan.health.begun_anew == 0
     assert plan.iterations <= own.max_iterations
 
