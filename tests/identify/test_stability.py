@@ -1,7 +1,8 @@
 """Models that run away say so when fitted, when simulated and in a verdict; no fit ends in a traceback."""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterErro
 from slipangle.identify.judge.compare import compare
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.inside import fitted
+from slipangle.identify.linear.order_search import OrderChoice
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial import ARMAX, OutputError
 from slipangle.identify.linear.recursive import RLS
@@ -166,6 +169,30 @@ def test_a_pole_that_grows_more_slowly_than_the_training_data_show_is_held():
     StateSpace(order=(1, 2, 3), max_radius=1.0).fit(join(*parts))  # says nothing
     assert "slightly unstable: it has a pole of modulus 1.003" in later(np.array([0.5, 1.003]), join(*parts))
     assert not later(np.array([0.5, 1.0]), join(*parts))
+
+
+@dataclass(frozen=True)
+class Fits:
+    """What `fitted` asks of settings: fits that end outside the unit circle where no limit is given."""
+
+    max_radius: float | None = None
+    focus: str = "simulation"
+
+    def _lasting(self, data, choice):
+        return choice, SimpleNamespace(A=np.array([[self.max_radius or 1.01]]))
+
+
+@pytest.mark.parametrize(
+    ("outside", "settings", "radius"),
+    [(False, Fits(), 1.0), (True, Fits(), 1.01), (False, Fits(focus="prediction"), 1.01), (False, Fits(1.02), 1.02)],
+    ids=["nothing bears it out", "held-out data do", "prediction", "a limit is given"],
+)
+def test_a_pole_outside_that_held_out_data_say_nothing_for_is_held(outside, settings, radius):
+    none = np.zeros(1)
+    choice = OrderChoice(orders=(1,), errors=none, singular_values=none, order=1, holdout="", outside=outside)
+    found, model = fitted(settings, None, choice)
+    assert model.A[0, 0] == radius
+    assert found.inside is (radius == 1.0)
 
 
 @pytest.mark.parametrize(

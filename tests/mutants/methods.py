@@ -569,6 +569,42 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/inside.py",
+        "identify/test_stability.py::test_a_pole_that_grows_more_slowly_than_the_training_data_show_is_held",
+        [("poles outside: none gives way", "other.alike(found) * found.error", "0 * found.error")],
+    ),
+    *mistakes(
+        "identify/linear/inside.py",
+        "identify/test_stability.py::test_a_pole_outside_that_held_out_data_say_nothing_for_is_held",
+        [("poles outside: one that nothing bears out stays", "modulus(model.A) <= SETTLED", "modulus(model.A) >= 0")],
+    ),
+    *mistakes(
+        "identify/car/play.py",
+        "identify/car/test_play.py",
+        [
+            ("play: looked for nowhere", "if not found > max(", "if found > max("),
+            ("play: taken up on the wrong side", "max(at, angle - half), angle + half", "max(at, angle - half), angle"),
+        ],
+    ),
+    *mistakes(
+        "data/quality/swapped.py",
+        "data/quality/test_swapped.py",
+        [
+            ("swapped: a steering that comes first too", "behind <= -max(", "abs(behind) >= max("),
+            ("swapped: a_y at one speed", "not any(low < now < high", "any(low < now < high"),
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
+        "control/test_limits_missed.py",
+        [("limits missed: no turn looks everywhere", "s->misses % RETRIES == 0", "s->misses < 0")],
+    ),
+    *mistakes(
+        "optimal/realtime/saddle.c",
+        "optimal/test_maxima.py",
+        [("exact Hessian: iterations that ran out are solved", "if (better || (surely && (", "if (better || (0 && (")],
+    ),
+    *mistakes(
         "optimal/realtime/saddle.c",
         "optimal/test_maxima.py::test_the_top_of_a_hill_is_left",
         [
