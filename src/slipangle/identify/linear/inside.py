@@ -27,7 +27,8 @@ class Held:
     """Of each order of a `StateSpace` whether its poles are held inside the unit circle, where no limit was given.
 
     A drift of the training data is explained by a pole just outside as well as by one at the circle, but only over
-    these data. So where a refined model has one, its order is refined with a limit of 1 too, within the same account.
+    these data. So where a refined model has one, its order is refined with a limit of 1 too, within the same account;
+    where that was better, those that come later only so.
     """
 
     def __init__(self, settings: Any) -> None:
@@ -36,7 +37,7 @@ class Held:
 
     def of(self, order: int) -> Any:
         """The settings that an order is refined with."""
-        return self.within if self.held.get(order) else self.settings
+        return self.within if self.held.get(order, any(self.held.values())) else self.settings
 
     def better(self, order: int, refine: Callable[[Any, float], Judged], most: float) -> Judged:
         """What ``refine`` makes of an order by settings and for so much work, with its poles held if that is better."""
@@ -44,7 +45,7 @@ class Held:
         if not _open(self.settings) or order in self.held or not outside(found):
             return found
         try:
-            other = refine(self.within, max(most - found.work, 0.0))
+            other = refine(self.within, min(found.work, max(most - found.work, 0.0)))
         except SlipangleError:
             other = found
         self.held[order] = not outside(other) and other.error <= other.alike(found) * found.error

@@ -158,10 +158,11 @@ class StateSpace(ScaledEstimator):
         the other; in flat valleys they still know a little of the group, and go on where the choice hangs by it.
 
         All refinements together take at most the work of 5 fits, where one fit is `fit` with the chosen order given and
-        work the samples over which errors, and each of their derivatives, are run: the same on every machine. Orders
-        that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and runs
-        over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred samples
-        they take as long as a fit or two.
+        work the samples over which errors, and each of their derivatives, are run: the same on every machine. Where
+        drifts make poles outside the unit circle, so that an order is refined twice, it was up to 7 on one record of 8.
+        Orders that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and
+        runs over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred
+        samples they take as long as a fit or two.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
