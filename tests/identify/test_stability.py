@@ -13,8 +13,8 @@ from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterErro
 from slipangle.identify.judge.compare import compare
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
-from slipangle.identify.linear.inside import fitted
-from slipangle.identify.linear.order_search import OrderChoice
+from slipangle.identify.linear.inside import Held, fitted
+from slipangle.identify.linear.order_search import Judged, OrderChoice
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial import ARMAX, OutputError
 from slipangle.identify.linear.recursive import RLS
@@ -193,6 +193,27 @@ def test_a_pole_outside_that_held_out_data_say_nothing_for_is_held(outside, sett
     found, model = fitted(settings, None, choice)
     assert model.A[0, 0] == radius
     assert found.inside is (radius == 1.0)
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_orders_after_one_whose_poles_are_held_are_refined_so_alone(better):
+    """Orders 2 to 4: the first ends inside the unit circle, the second outside."""
+    poles, asked = {2: 0.9, 3: 1.01, 4: 1.01}, []
+
+    def refined(order):
+        def refine(how, most):
+            asked.append((order, how.max_radius))
+            pole = min(poles[order], how.max_radius or np.inf)
+            model, error = SimpleNamespace(A=np.array([[pole]])), 0.5 if pole > 1 and not better else 1.0
+            return Judged(model, [model], np.array([[error**2]]), np.full(10, error**2), 1.0)
+
+        return refine
+
+    held = Held(Fits())
+    ends = [held.better(order, refined(order), np.inf).model.A[0, 0] for order in poles]
+    assert ends == ([0.9, 1.0, 1.0] if better else [0.9, 1.01, 1.01])
+    assert asked == [(2, None), (3, None), (3, 1.0), *([(4, 1.0)] if better else [(4, None), (4, 1.0)])]
+    assert [held.of(order).max_radius for order in poles] == ([None, 1.0, 1.0] if better else [None] * 3)
 
 
 @pytest.mark.parametrize(

@@ -33,17 +33,19 @@ class Held:
 
     def __init__(self, settings: Any) -> None:
         self.settings, self.within = settings, replace(settings, max_radius=1.0)
-        self.held: dict[int, bool] = {}
+        self.held, self.compared = dict[int, bool](), set[int]()
 
     def of(self, order: int) -> Any:
         """The settings that an order is refined with."""
-        return self.within if self.held.get(order, any(self.held.values())) else self.settings
+        return self.within if self.held.get(order) else self.settings
 
     def better(self, order: int, refine: Callable[[Any, float], Judged], most: float) -> Judged:
         """What ``refine`` makes of an order by settings and for so much work, with its poles held if that is better."""
+        self.held.setdefault(order, any(self.held.values()))
         found = refine(self.of(order), most)
-        if not _open(self.settings) or order in self.held or not outside(found):
+        if not _open(self.settings) or self.held[order] or order in self.compared or not outside(found):
             return found
+        self.compared.add(order)
         try:
             other = refine(self.within, min(found.work, max(most - found.work, 0.0)))
         except SlipangleError:

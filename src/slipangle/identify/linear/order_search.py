@@ -56,7 +56,7 @@ class OrderChoice(Shown):
     @property
     def said(self) -> str:
         """What was done, for the method's line."""
-        held = ", poles held inside the unit circle, which runs better there" if self.inside else ""
+        held = ", poles held inside the unit circle, as held-out data are for no other" if self.inside else ""
         return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}{held}"
 
 
