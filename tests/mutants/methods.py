@@ -571,7 +571,7 @@ MUTANTS = [
     *mistakes(
         "identify/linear/inside.py",
         "identify/test_stability.py::test_a_pole_that_grows_more_slowly_than_the_training_data_show_is_held",
-        [("poles outside: none gives way", "other.alike(found) * found.error", "0 * found.error")],
+        [("poles outside: none gives way", "TIE * found.error", "0 * found.error")],
     ),
     *mistakes(
         "identify/linear/inside.py",

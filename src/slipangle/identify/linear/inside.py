@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import SlipangleError
-from slipangle.identify.linear.order_search import Judged, OrderChoice
+from slipangle.identify.linear.order_search import TIE, Judged, OrderChoice
 from slipangle.identify.linear.poles import modulus
 from slipangle.identify.stability import SETTLED, held
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -50,7 +50,7 @@ class Held:
             other = refine(self.within, min(found.work, max(most - found.work, 0.0)))
         except SlipangleError:
             other = found
-        self.held[order] = not outside(other) and other.error <= other.alike(found) * found.error
+        self.held[order] = not outside(other) and other.error <= TIE * found.error
         return other if self.held[order] else found
 
 
