@@ -216,6 +216,21 @@ def test_orders_after_one_whose_poles_are_held_are_refined_so_alone(better):
     assert [held.of(order).max_radius for order in poles] == ([None, 1.0, 1.0] if better else [None] * 3)
 
 
+def test_poles_are_not_held_where_that_is_worse_though_by_less_than_chance():
+    """So the positioning system, which integrates, lost a state and 7 % of its position."""
+    noise = np.random.default_rng(0).uniform(-0.5, 0.5, 10)
+
+    def refine(how, most):
+        model, error = SimpleNamespace(A=np.array([[how.max_radius or 1.01]])), 1.05 if how.max_radius else 1.0
+        blocks = error**2 + (noise if how.max_radius else 0.0)
+        return Judged(model, [model], np.array([[error**2]]), blocks, 1.0)
+
+    held = Held(Fits())
+    assert refine(Fits(1.0), 0.0).alike(refine(Fits(), 0.0)) > 1.05
+    assert held.better(3, refine, np.inf).model.A[0, 0] == 1.01
+    assert held.of(3).max_radius is None
+
+
 @pytest.mark.parametrize(
     "estimator",
     [StateSpace(), StateSpace(order=2), Subspace(order=2), OutputError(nb=1, nf=1), ARMAX(na=1, nb=1, nc=1)],
