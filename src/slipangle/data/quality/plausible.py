@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.quality.regression import about_means, by_blocks, coefficient, rate_of, slope_of
+from slipangle.data.quality.regression import about_means, by_blocks, coefficient, lag_of, rate_of, slope_of
 from slipangle.data.quality.slow_motion import (
     SPEEDS,
     offset_of_r,
@@ -213,15 +212,7 @@ def _speed_agrees(smooth: dict[str, np.ndarray]) -> bool:
 
 def _late(fast: list[Dataset]) -> tuple[float, float]:
     """How long v_x r comes after a_y [s], and how far they agree then, 0 to 1."""
-    dt, most = fast[0].dt, round(0.6 / fast[0].dt)
-    total = np.zeros(2 * most + 1)
-    for part in fast:
-        x, y = (scipy.signal.detrend(v) for v in (part["a_y"], part["v_x"] * part["r"]))
-        full = scipy.signal.correlate(y, x, mode="full")
-        middle = len(x) - 1
-        total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
-    best = int(np.argmax(total))
-    return float((best - most) * dt), float(total[best]) / len(fast)
+    return lag_of([(part["a_y"], part["v_x"] * part["r"]) for part in fast], fast[0].dt)
 
 
 def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray, speed: str) -> list[str]:
@@ -250,7 +241,7 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
 
 def _at_one_speed(gain: float, sure: float, speed: str) -> list[str]:
     """A sentence on a share of delta that a speed in km/h has, or a command, or much understeer at the one speed."""
-    if not (speed and _SHARES[-3][1] < gain < _AT_ONE_SPEED - sure):
+    if not (speed and _SHARES[-2][0] < gain < _AT_ONE_SPEED - sure):
         return []
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta at the one speed that was driven: {speed}delta is a command, "

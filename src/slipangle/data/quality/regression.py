@@ -1,10 +1,14 @@
-"""Regression over the drives of a log: slopes, and coefficients with an error of blocks that are left out."""
+"""Regression over the drives of a log: slopes, lags, and coefficients with an error of blocks that are left out."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import scipy
 
 _BLOCKS = 12  # of a log, each of one drive
+_LONGEST_LAG = 0.6  # s, either way
 
 
 def slope_of(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -14,6 +18,18 @@ def slope_of(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     if power <= 0 or not y.any():
         return 0.0, 0.0
     return float(x @ y) / power, float(x @ y / np.sqrt(power * (y @ y)))
+
+
+def lag_of(pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float) -> tuple[float, float]:
+    """How long y comes after x over drives with a pair (x, y) each [s], and how far they agree then, 0 to 1."""
+    most = round(_LONGEST_LAG / dt)
+    total = np.zeros(2 * most + 1)
+    for pair in pairs:
+        x, y = (scipy.signal.detrend(v) for v in pair)
+        full, middle = scipy.signal.correlate(y, x, mode="full"), len(x) - 1
+        total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
+    best = int(np.argmax(total))
+    return float((best - most) * dt), float(total[best]) / len(pairs)
 
 
 def rate_of(x: np.ndarray, drives: np.ndarray) -> np.ndarray:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.regression import slope_of
+from slipangle.data.quality.regression import lag_of, slope_of
 
 TIED = 0.7  # agreement of a_y with v_x r, from which it is one of turning
 FELT = 0.6, 1.7  # a_y over v_x r, between which no unit of v_x, r or a_y is wrong
@@ -15,7 +14,6 @@ _CLOSER = 0.5  # 1 less an agreement swapped back, over that as logged, up to wh
 _AHEAD = 0.02  # s, or a sample, by which a yaw rate that is a steering comes before a steering that is a yaw rate
 _TOGETHER = 0.8  # their agreement at that lag
 _LESS = 0.05  # by which that may be less than the agreement as logged
-_WITHIN = 0.6  # s, either way, within which that lag is sought
 _ORDINARY = 0.45, 2.2  # gain of a steering logged as road-wheel angle, as it looks with understeer in it
 
 
@@ -45,17 +43,5 @@ def with_steering(fast: list[Dataset], now: tuple[float, float], back: tuple[flo
         return False
     if _ORDINARY[0] < gain < _ORDINARY[1] and 1 - agree_back > _CLOSER * (1 - agree):
         return False
-    behind, tied = _behind(fast)
+    behind, tied = lag_of([(part["delta"], part["r"]) for part in fast], fast[0].dt)
     return behind <= -max(_AHEAD, fast[0].dt) and tied > _TOGETHER
-
-
-def _behind(fast: list[Dataset]) -> tuple[float, float]:
-    """How long r comes after delta [s], negative if before, and how far they agree then, 0 to 1."""
-    dt, most = fast[0].dt, round(_WITHIN / fast[0].dt)
-    total = np.zeros(2 * most + 1)
-    for part in fast:
-        x, y = (scipy.signal.detrend(part[n]) for n in ("delta", "r"))
-        full, middle = scipy.signal.correlate(y, x, mode="full"), len(x) - 1
-        total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
-    best = int(np.argmax(total))
-    return float((best - most) * dt), float(total[best]) / len(fast)

@@ -12,7 +12,7 @@ from slipangle.identify.car.uncertainty import few
 
 HOLD = "the intervals of C_f, C_r and inertia_z hold for either"
 NO_HOLD = "no interval holds until what else is doubted is mended"
-_SURE = 3.92  # standard deviations from none at which there is some, as effects count whole there
+SURE = 3.92  # standard deviations from none at which there is some, as effects count whole there
 _SEARCHES = 3  # refits, each from where the last one says
 
 
@@ -44,7 +44,7 @@ def searched(
         more, std = left_over(found, change(found, amounts))
         amounts = amounts + more
         size = float(np.abs(amounts).max())
-        if not ((np.abs(amounts) > _SURE * std).any() and within[0] < size < within[1]):
+        if not ((np.abs(amounts) > SURE * std).any() and within[0] < size < within[1]):
             return None
         found = fit(final.model, free, mended(amounts), final, own=final.own)
         if (np.abs(more) < std).all():

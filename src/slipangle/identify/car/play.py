@@ -6,13 +6,12 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.recordings import recordings
-from slipangle.identify.car.left_over import left_over
+from slipangle.identify.car.left_over import SURE, left_over
 from slipangle.identify.car.structures import Fitted, change, errors, fit, fit_error, free_runs, worth
 
 _WIDTHS = (0.02, 0.04, 0.08, 0.16, 0.32)  # of the largest angle used, at which play is tried
 _STEP = 0.01  # of it, either way of the first of these, over which errors change in proportion
 _TOP = 0.99  # quantile of the steering that was used, beyond which are few samples
-_SURE = 3.92  # standard deviations from none, from which it is looked for
 _BETTER = 0.1  # fall of the squared error's logarithm, at least
 
 
@@ -39,7 +38,7 @@ def play(final: Fitted, data: Dataset) -> float:
     more, less = (np.concatenate([run for run, _ in free_runs(final, taken_up(data, w))]) for w in at)
     slope = (more - less) / (2 * _STEP * top * final.problem.sigma)
     (found,), (error,) = left_over(final, slope[:, :, None])
-    if not found > max(_SURE * error, 0.5 * _WIDTHS[0] * top):
+    if not found > max(SURE * error, 0.5 * _WIDTHS[0] * top):
         return 0.0
     width, without = _best(final, data, top * np.array(_WIDTHS))
     moved, scatter = change(errors(final, data), errors(without, taken_up(data, width)))

@@ -65,7 +65,6 @@ static int falls(Work *s, int *surely)
     if (!prepare_stages(s))
         return 0;
     feed(s);
-    *surely = is_negative(s, 1);
     if (!is_negative(s, 0))
         return 0;
     lead_down(s, r->fell / NU, r->fell % NU);
@@ -76,6 +75,7 @@ static int falls(Work *s, int *surely)
     for (int m = 0; m <= NS; m++)
         for (int a = 0; a < NX; a++)
             s->falls_x[m * NX + a] = ASIDE / most * ((const double *)(r->x + AT(m)))[a];
+    *surely = is_negative(s, 1);
     return moderate(s->falls_u, N * NU) && moderate(s->falls_x, (NS + 1) * NX);
 }
 
