@@ -82,6 +82,12 @@ def late(fast: Sequence[Dataset], wheelbase: float) -> list[str]:
     return [*_of_the_steering(drives, wheelbase), *_of_the_speed(drives)]
 
 
+def steering_lag(fast: Sequence[Dataset], wheelbase: float) -> float:
+    """How long the yaw rate comes after the steering, negative if before; of drives as in `late`. [s]"""
+    drives = _Drives(fast)
+    return -_turns_first(drives, wheelbase, drives.of("r")).seconds if len(drives.numbers) else 0.0
+
+
 def _of_the_steering(drives: _Drives, wheelbase: float) -> list[str]:
     """A car cannot turn before it is steered: what it does so is logged earlier than its steering is."""
     early = _turns_first(drives, wheelbase, drives.of("r"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.clipped import clipped
 from slipangle.data.quality.lateness import late
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, lag_of, rate_of, slope_of
 from slipangle.data.quality.slow_motion import (
@@ -136,7 +137,7 @@ def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
     beyond = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99))
     if beyond > _BEYOND and not said:
         said.append(f"v_x r reaches {beyond:.3g} m/s2, which no tires give: {_CHANGES}")
-    said += [] if said else [*late(fast, wheelbase), *scaled(fast)]  # signs and units first
+    said += [] if said else [*late(fast, wheelbase), *scaled(fast), *clipped(fast, wheelbase)]  # signs and units first
     return tuple(said)
 
 
