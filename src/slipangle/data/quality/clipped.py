@@ -21,9 +21,7 @@ _RESTS, _VISITS = 0.3, 3  # s that it does so, and how often
 _BEFORE, _AFTER = 0.3, 1.0  # s around that, which what is cut off changes too
 _DRIVES = 0.3  # of the higher speeds, from which a car is looked at
 _ENOUGH = 10.0  # s of driving elsewhere, from which it tells how the car answers
-_AT_ONCE = (
-    0.6  # share of what it asks for more that it does as the rest begins, from which it is steered so, not cut off
-)
+_SOON, _AT_ONCE = 0.15, 0.75  # share of a rest after which it asks for that share of the more if steered so
 _BEYOND, _SURE = 0.08, 3.0  # share of the end by which the car asks for more, and the scatter of that elsewhere
 
 
@@ -49,7 +47,8 @@ def clipped(fast: Sequence[Dataset], wheelbase: float) -> list[str]:
         if len(whole) < _VISITS:
             continue
         most = float(np.median([each.max() for each in whole]))
-        first = float(np.median([max(each[0], each[-1]) for each in whole]))
+        soon = [each[[round(_SOON * len(each)), -round(_SOON * len(each)) - 1]].max() for each in whole]
+        first = float(np.median(soon))
         more = most - end
         if more < max(_BEYOND * end, _SURE * scatter) or first - end > _AT_ONCE * more:
             continue
