@@ -9,7 +9,7 @@ import pytest
 from slipangle.data.dataset import join
 from slipangle.identify.car import left_over
 from slipangle.identify.car.corrections import SPEED
-from slipangle.identify.car.late import late, with_lateness
+from slipangle.identify.car.late import beside, late, with_lateness
 from slipangle.identify.car.sentences import speed
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE, log
@@ -104,3 +104,12 @@ def test_a_steering_that_acts_at_once_or_late_is_not_said_to_be_logged_late(behi
     data = drives(**behind)
     assert late(fitted(data), data, "delta") is None
     assert with_lateness(fitted(data, "delay_delta"), [], data) == ([], [])
+
+
+def test_a_doubt_about_the_log_gives_way_to_what_a_fit_says_of_the_same_channel():
+    early = "r comes 0.2 s before the steering that makes it: delta is logged late, by that and by what"
+    slow, other = "v_x comes 0.3 s behind what a_x makes of it: it is logged late", "a_y is 0.1 of v_x r"
+    fitted = "delta comes 0.3 s behind r, as the motion of the car tells"
+    assert beside([fitted], (early, slow, other)) == (slow, other)
+    assert beside(["v_x comes 0.3 s behind r, as"], (early, slow, other)) == (early, other)
+    assert beside([], (early, slow, other)) == (early, slow, other)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.clipped import clipped
+from slipangle.data.quality.lateness import late
 from slipangle.data.quality.regression import about_means, by_blocks, coefficient, lag_of, rate_of, slope_of
 from slipangle.data.quality.slow_motion import (
     SPEEDS,
@@ -15,6 +17,7 @@ from slipangle.data.quality.slow_motion import (
     straightness,
     without,
 )
+from slipangle.data.quality.speed_scale import scaled
 from slipangle.data.quality.stuck import stuck
 from slipangle.data.quality.swapped import FELT, TIED, with_a_y, with_steering
 from slipangle.data.recordings import by_recording, repeated
@@ -68,8 +71,9 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
 
     Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, less ``delta_r`` of
     steered rear wheels, and v_x, r and a_y, ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s],
-    r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m. Of several recordings of half a minute
-    or more, what is odd in half of them or fewer, or of which all together show nothing, is said of these.
+    r [rad/s], and v_y, a_x, a_y, delta_r [rad] where measured; ``wheelbase`` is in m. No yaw rate comes before its
+    steering, no speed behind its acceleration. Of several recordings of half a minute or more, what is odd in half of
+    them or fewer, or of which all together show nothing, is said of these.
     """
     parts = by_recording(data)
     long = {k: part for k, part in parts.items() if part.n_samples * data.dt > _SESSION}
@@ -133,6 +137,7 @@ def _doubts(data: Dataset, wheelbase: float) -> tuple[str, ...]:
     beyond = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99))
     if beyond > _BEYOND and not said:
         said.append(f"v_x r reaches {beyond:.3g} m/s2, which no tires give: {_CHANGES}")
+    said += [] if said else [*late(fast, wheelbase), *scaled(fast), *clipped(fast, wheelbase)]  # signs and units first
     return tuple(said)
 
 

@@ -62,6 +62,13 @@ def coefficient(squares: np.ndarray, which: int = 0) -> tuple[float, float]:
     return of(whole), error
 
 
+def explained(squares: np.ndarray) -> float:
+    """Share of the last column's squares that the others explain."""
+    whole = squares.sum(axis=0)
+    found = np.linalg.lstsq(whole[:-1, :-1], whole[:-1, -1], rcond=1e-12)[0]
+    return float(found @ whole[:-1, -1] / max(whole[-1, -1], 1e-300))
+
+
 def about_means(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
     """The signal about its mean in each drive."""
     count = np.maximum(np.bincount(drives), 1)

@@ -27,7 +27,7 @@ from slipangle.identify.car import play, sentences
 from slipangle.identify.car.climb import climb, linear_bicycle
 from slipangle.identify.car.corrections import SLIDES, Correction, corrections, friction_used
 from slipangle.identify.car.effects import believed, in_words, others_as_good
-from slipangle.identify.car.late import with_lateness
+from slipangle.identify.car.late import beside, with_lateness
 from slipangle.identify.car.logged_speed import following
 from slipangle.identify.car.moved_zero import put_back, with_zeros
 from slipangle.identify.car.rack import with_rack
@@ -185,6 +185,7 @@ class WholeCar(Checked):
             search = partial(self._search, linear, elsewhere)
             (final, stages, dropped), whole, zeros = with_zeros(search, whole)
             others, mended = _others(final, dropped, whole.all)
+            suspect = beside(mended, suspect)
             used = sentences.friction_reached(final)
             final, others = following(final, others, put_back(stretches(logged, self.wheelbase).all, zeros))
         names, (spread, limits, how) = final.names, limits_of(final, others, self._turned(whole.all))

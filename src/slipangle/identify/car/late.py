@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
@@ -12,6 +14,7 @@ from slipangle.identify.car.structures import Fitted, Others, change, errors, fr
 _LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
 _FIRST = 0.5  # of that, from which a search goes on: lag and place of the sensor stood in for the rest
 _LEAST_AHEAD = 0.02  # s, or a sample, by which a car is ahead of its steering at least; roll makes none
+_SEEN = {"delta comes": "delta is logged late", "v_x comes": "v_x comes"}  # what a fit says, and a look at the log
 _NO_DELAY = 1e-4  # s, of the steering, up to which it has none: its bound but for rounding
 
 
@@ -35,6 +38,12 @@ def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others,
         )
         others = [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)]
     return others, said
+
+
+def beside(found: Sequence[str], doubts: Sequence[str]) -> tuple[str, ...]:
+    """The doubts about a log without those on a channel of which a fit says better how late it is."""
+    told = [seen for fitted, seen in _SEEN.items() if any(sentence.startswith(fitted) for sentence in found)]
+    return tuple(sentence for sentence in doubts if not any(seen in sentence for seen in told))
 
 
 def late(final: Fitted, data: Dataset, name: str = "v_y") -> tuple[float, Fitted] | None:
