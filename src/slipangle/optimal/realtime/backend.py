@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Annotated, ClassVar, Literal
 from weakref import WeakKeyDictionary
 
@@ -15,9 +15,10 @@ from slipangle.optimal.engine import Engine
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP
-from slipangle.optimal.realtime.curvature import require_curvature
+from slipangle.optimal.realtime.curvature import in_the_way, require_curvature
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import Functions, InterpretedEngine
+from slipangle.optimal.realtime.last_steps import LastSteps
 from slipangle.optimal.realtime.program import source
 
 # Scheduling before registers are given out: networks in the model gain a twentieth. Straight-line code is vectors
@@ -57,8 +58,9 @@ class RealTime(Checked):
         rounding makes the cost the same, steps are taken until they no longer shrink. Where it keeps a step that
         follows one of at most 1e-8 from doing any good, the plan is solved too; `Plan.residual` is then that step.
     max_iterations : int
-        Most steps to convergence, of all starts together: where hard limits are missed, it begins anew elsewhere; in
-        a row of fallbacks that missed them, at one of these starts by turns, and at all of them every fifth time.
+        Most steps to convergence, of all starts together, a quarter of which "auto" saves for the last ones: where hard
+        limits are missed, it begins anew elsewhere; in a row of fallbacks that missed them, at one of these starts by
+        turns, and at all of them every fifth time.
     newton : float
         Accuracy of the implicit integrator's stages, relative to 1 + |state|. [-]
     accept : float
@@ -67,12 +69,15 @@ class RealTime(Checked):
         How quadratic programs are solved; "auto" takes what is faster at each of them, and does not condense where
         states grow so much over the horizon, as those of a plant that is not stable, that little would be left of the
         weights of inputs. What its rounding leaves no optimum of is not `SOLVED`.
-    hessian : {"gauss-newton", "exact"}
-        Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
-        the multipliers of the step before: all of them where they are positive on what the held limits leave free,
-        else positive semidefinite node by node, without negative eigenvalues of what they add. Unless condensed, it
-        tells a maximum from an optimum, and leaves it, or does not name it `SOLVED`. "exact" is for costs that are no
-        squares, goes with ``iterations=0``, explicit integrators and a compiler.
+    hessian : {"auto", "gauss-newton", "exact"}
+        Curvature of a step: squares of errors alone ("gauss-newton"), or with the second derivatives of dynamics,
+        limits and errors by the multipliers of the step before ("exact"): all of them where they are positive on what
+        the held limits leave free, else positive semidefinite node by node, without negative eigenvalues of what they
+        add. Unless condensed, it tells a maximum from an optimum, and leaves it, or does not name it `SOLVED`. "exact"
+        is for costs that are no squares, goes with ``iterations=0``, explicit integrators and a compiler. "auto" takes
+        Gauss-Newton steps; plans with ``iterations=0`` that these do not end, as they contract so slowly that more are
+        to come than there were, or lead to no plan, go on by the exact Hessian, with or without a compiler. That is
+        compiled when a plan first needs it, or at once where there is a deadline.
 
     References
     ----------
@@ -89,7 +94,7 @@ class RealTime(Checked):
     newton: Annotated[float, Within(0, open="low", example="1e-7")] = 1e-7
     accept: Annotated[float, Within(0, open="low", example="1e-2")] = 1e-2
     qp: Literal["auto", "condensed", "riccati"] = "auto"
-    hessian: Literal["gauss-newton", "exact"] = "gauss-newton"
+    hessian: Literal["auto", "gauss-newton", "exact"] = "auto"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -120,7 +125,7 @@ class RealTime(Checked):
             return JoinedEngine(joined, self.build(joined, deadline))
         loaded = library(_source_of(ocp, self.qp), name="mpc", flags=FLAGS) if compiler() else None
         if loaded is not None:
-            return CompiledEngine(ocp, loaded, self, deadline)
+            return CompiledEngine(ocp, loaded, self, deadline, self._last_steps(ocp, deadline))
         if exact:
             raise ParameterError(
                 "the compiler failed, and the exact Hessian has compiled code alone; expected one that works, or "
@@ -129,6 +134,22 @@ class RealTime(Checked):
         if not compiler():  # a compiler that failed has been named already
             _say_once(sentence())
         return InterpretedEngine(ocp, self, deadline, _functions_of(ocp))
+
+    def _last_steps(self, ocp: OCP, deadline: float | None) -> LastSteps | None:
+        """What ends plans to convergence that these steps do not; none in a loop are to wait for a compiler."""
+        if self.iterations > 0 or self.hessian != "auto" or in_the_way(ocp):
+            return None
+        base = ocp.base if isinstance(ocp, Joined) else ocp
+        last = LastSteps(partial(_exact_engine, replace(self, hessian="exact"), base, deadline))
+        return None if deadline is not None and last.engine is None else last
+
+
+def _exact_engine(settings: RealTime, base: OCP, deadline: float | None) -> Engine | None:
+    """The solver of a problem with its exact Hessian; None where it has none."""
+    try:
+        return settings.build(Joined(base, curved=True), deadline)
+    except ParameterError:
+        return None
 
 
 def _source_of(ocp: OCP, qp: Literal["auto", "condensed", "riccati"]) -> str:

@@ -175,11 +175,15 @@ def require_curvature(ocp: OCP) -> None:
 
 def in_the_way(ocp: OCP) -> str:
     """What stands in the way of an exact Hessian; nothing where the problem has one here."""
+    return unfit(ocp) if compiler() else "there is no C compiler"
+
+
+def unfit(ocp: OCP) -> str:
+    """What in a problem itself stands in the way of an exact Hessian."""
     base = ocp.base if isinstance(ocp, Joined) else ocp
     phases = isinstance(base, Linked)
     model: Any = None if phases else base.model
     wrong = {
-        "there is no C compiler": not compiler(),
         "the problem has several phases": phases,
         "its stages are several steps long": base.steps is not None,
         "the model steps by an implicit integrator": isinstance(model, OdeModel) and model.method == "radau",

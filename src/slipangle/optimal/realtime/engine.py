@@ -19,6 +19,7 @@ from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.curvature import in_the_way
+from slipangle.optimal.realtime.last_steps import UNFOUND, LastSteps, better, hand_over, kept, leaves, saved
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
 from slipangle.optimal.solution import (
@@ -39,9 +40,9 @@ OUTCOMES = [
     Status[name] for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED".split()
 ]
 RESUMED = {i for i, status in enumerate(OUTCOMES) if status.resumes}
-UNFOUND = {OUTCOMES.index(s) for s in (Status.ITERATION_LIMIT, Status.STALLED, Status.INFEASIBLE, Status.FAILED)}
+ENDED = {OUTCOMES.index(status) for status in UNFOUND}
 DOUBTFUL = len(OUTCOMES)
-CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY = range(6)
+CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY, HANDED_OVER = range(7)
 
 
 @dataclass(eq=False)
@@ -86,7 +87,9 @@ _areas = itertools.count()  # no number is given twice, so that none is ever tak
 class WorkArea(Engine):
     """One thread's memory of the compiled solver; see `CompiledEngine`."""
 
-    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+    def __init__(
+        self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None, last: LastSteps | None = None
+    ) -> None:
         # Long: every array of the C code is named and shaped once.
         self.ocp = ocp
         self._library = library
@@ -110,6 +113,9 @@ class WorkArea(Engine):
             "relaxing": (n,),
             "way_u": (n, nu),
             "way_x": (n + 1, nx),
+            "begun_u": (n, nu),
+            "pi": (steps + 1, nx),
+            "qp.lambda": (n * nu + int(np.isfinite(ocp.step_bounds).any(axis=2).sum()) + limits,),
             "plain": (limits,),
             "square": (limits,),
             "u": (n, nu),
@@ -140,6 +146,9 @@ class WorkArea(Engine):
         for name in ("tolerance", "newton", "accept", "max_iterations"):
             view[name][0] = getattr(settings, name)
         view["fixed"][0] = settings.iterations
+        self._settings, self._last = settings, last
+        view["hands_over"][0] = last is not None
+        view["max_iterations"][0] -= 0 if last is None else saved(settings.max_iterations)
         self._limit = np.inf if deadline is None else deadline
         self._time = view["time_limit"]
         self._time[0] = self._limit
@@ -151,7 +160,6 @@ class WorkArea(Engine):
         self._most = int(ocp.nodes[-1])
         self._serial, self._area = 0, next(_areas)
         self._until: float | None = None
-        self._settings = settings
         self._ready: Memory | None = None
 
     def solve(self, start: Start) -> Solution:
@@ -366,6 +374,8 @@ class WorkArea(Engine):
 
     def _answer(self, outcome: int, attempts: int) -> dict[str, Any]:
         """A `Solution`, but that its inputs are kept within limits, as a dictionary."""
+        if self._last is not None and outcome in ENDED:
+            outcome = self._end(outcome)
         self._serial = serial = self._serial + 1
         status, resumes = OUTCOMES[outcome], outcome in RESUMED
         self._given = u = self._u.copy()
@@ -386,16 +396,66 @@ class WorkArea(Engine):
 
     def _said(self, outcome: int) -> str:
         """That it began anew, and what may find the plan to convergence that these steps did not."""
-        curved = self._settings.iterations == 0 and self._settings.hessian != "exact" and outcome in UNFOUND
+        curved = self._settings.iterations == 0 and self._settings.hessian == "gauss-newton" and outcome in ENDED
         curved = curved and not in_the_way(self.ocp)
         return "; ".join(words for words, said in ((ANEW, self._anew.item()), (CURVED, curved)) if said)
+
+    def _end(self, outcome: int) -> int:
+        """Go on by the exact Hessian, and take what that leads to where it is better."""
+        left = self._settings.max_iterations - self._iterations.item()
+        if left < 1:
+            return outcome
+        engine: Any = None if self._last is None else self._last.engine
+        if engine is None:
+            return self._end_alone(outcome)
+        other: WorkArea = engine.area
+        mine, theirs, first = self._view, other._view, OUTCOMES[outcome]
+        hand_over(mine, theirs, self.ocp, other.ocp)
+        other._fresh[0] = HANDED_OVER
+        if not kept(first, self._numbers[1]):  # from where that led nowhere, but from where it began
+            theirs["u"][...], other._fresh[0] = mine["begun_u"], GIVEN_INPUTS
+        theirs["max_iterations"][0], theirs["misses"][0] = left, mine["misses"][0]
+        theirs["time_limit"][0] = max(self._time.item() - mine["seconds"].item(), 0.0)
+        ended = other._call(other._pointer)
+        for name in ("iterations", "qp_iterations", "seconds", "seconds_feedback"):
+            mine[name] += theirs[name]
+        here, there = (
+            (status, float(area._numbers[0]), float(area._numbers[1]))
+            for status, area in ((first, self), (OUTCOMES[ended], other))
+        )
+        if better(here, there):
+            self._found[:] = other._found
+            self._anew |= other._anew
+            return ended
+        return OUTCOMES.index(leaves(first, OUTCOMES[ended], found=kept(here[0], here[2])))
+
+    def _end_alone(self, outcome: int) -> int:
+        """Go on by the same steps, as the problem has no exact Hessian."""
+        self._last, self._view["hands_over"][0] = None, False
+        done, most = self._iterations.item(), self._settings.max_iterations
+        if not OUTCOMES[outcome].unfinished:
+            self._view["max_iterations"][0] = most
+            return outcome
+        self._view["max_iterations"][0], self._fresh[0] = most - done, GIVEN
+        self._time[0] = max(self._time.item() - self._view["seconds"].item(), 0.0)
+        ended = self._call(self._pointer)
+        self._view["max_iterations"][0] = most
+        self._iterations += done
+        return ended
 
 
 class CompiledEngine(EngineOfThreads):
     """Engine on a loaded library, a work area for each thread; see `slipangle.optimal.realtime.program.source`."""
 
-    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
-        super().__init__(lambda: WorkArea(ocp, library, settings, deadline))
+    def __init__(
+        self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None, last: LastSteps | None = None
+    ) -> None:
+        super().__init__(lambda: WorkArea(ocp, library, settings, deadline, last))
+
+    @property
+    def area(self) -> WorkArea:
+        """That of the thread that asks."""
+        return self._areas.mine
 
     @property
     def timing(self) -> Timing:

@@ -12,14 +12,18 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from slipangle.codegen.expression import only
+from slipangle.errors import ParameterError
 from slipangle.optimal.checks import led_nowhere, misses_after, stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime.curvature import unfit
+from slipangle.optimal.realtime.interpreted_curvature import Bent, Curvature, Tries, held_rows
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
 from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, outgrown, reach_of, units
+from slipangle.optimal.realtime.last_steps import UNFOUND, Tail, better, kept, leaves, saved
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -57,6 +61,7 @@ SETTLED = 1e-5  # largest change of an input in units of its range after which m
 STAYED = 10  # steps in a row, at the highest price, that bring limits no nearer, after which they have no answer here
 STRAINED = 10  # multiplier of a hard limit over a price that was paid, beyond which steps pay that rather than keep it
 GAIN = 0.25  # share of what a whole step promised that it must bring, where limits have a price, to be damped less
+TELLING = 1e-5  # of the merit, that no last step promises
 FEW_STEPS = 5  # whole ones, after which a plan may still be far from where they began
 DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
@@ -180,6 +185,10 @@ class WorkArea(Engine):
         self._k = np.zeros((steps, self._nk))
         self._misses = 0  # fallbacks in a row before the last one, which was by missed limits
         self._shortened = False  # whether a step of a solve to convergence was
+        self._most = settings.max_iterations  # iterations of this solve
+        ends = settings.iterations == 0 and settings.hessian == "auto"
+        self._hands_over = ends and not unfit(ocp)  # whether the exact Hessian's steps may be the last
+        self._exact, self._left = False, (np.zeros(0), np.zeros(0))  # now; and the multipliers that the last step left
         self._jumps: Any = dense(jump_function(ocp)) if ocp.jumps else None
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
@@ -315,8 +324,50 @@ class WorkArea(Engine):
         return solution
 
     def _run(self, u: np.ndarray, states: np.ndarray, unfinished: int = 0) -> Solution:
-        """To convergence."""
-        found = self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
+        """To convergence; where these steps do not end, by the exact Hessian, as in engine.py."""
+        most = self._settings.max_iterations
+        self._most = most - (saved(most) if self._hands_over else 0)
+        found = self._searched(u, states, unfinished)
+        left = most - found.iterations
+        if not (self._hands_over and found.status in UNFOUND and left > 0):
+            return found
+        self._most = most
+        if self._curvature is None:
+            return self._alone(found, unfinished)
+        begun, first = found.iterations, (found.status, found.cost, found.violation)
+        whole, memory = kept(found.status, found.violation), found.memory
+        self._exact = True
+        if whole and isinstance(memory, Memory):
+            ended = self._converge(memory.u, memory.x, left, before=begun, handed=True)
+            last = self._ended(*ended, unfinished)
+        else:
+            self._k[:] = 0.0
+            u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
+            last = self._searched(u, self._roll_out(self._x0, u, self._reference), unfinished, before=begun)
+        self._exact = False
+        if better(first, (last.status, last.cost, last.violation)):
+            return last
+        status = leaves(found.status, last.status, found=whole)
+        memory = replace(memory, unfinished=unfinished + 1 if status.resumes else 0)
+        return replace(found, status=status, iterations=last.iterations, memory=memory)
+
+    def _alone(self, found: Solution, unfinished: int) -> Solution:
+        """On by the same steps, as the problem has no exact Hessian."""
+        self._hands_over, memory, left = False, found.memory, self._most - found.iterations
+        if not found.status.unfinished:
+            return found
+        return self._ended(*self._converge(memory.u, memory.x, left, before=found.iterations), unfinished)
+
+    @cached_property
+    def _curvature(self) -> Curvature | None:
+        try:
+            return Curvature(self.ocp)
+        except ParameterError:
+            return None
+
+    def _searched(self, u: np.ndarray, states: np.ndarray, unfinished: int, before: int = 0) -> Solution:
+        """To convergence from there or, where limits are missed, from elsewhere."""
+        found = self._ended(*self._converge(u, states, self._most - before, before=before), unfinished)
         found = self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
         found = self._gently(found, u, unfinished) if found.status is Status.INFEASIBLE else found
         return self._halfway(found, unfinished)
@@ -331,7 +382,7 @@ class WorkArea(Engine):
         self._shortened = given
         found = self._run(u, states, unfinished)
         far = self._shortened or found.iterations > FEW_STEPS
-        left = self._settings.max_iterations - found.iterations
+        left = self._most - found.iterations
         if found.status is not Status.SOLVED or not far or left < 1:
             return found
         rolled = self._roll_out(self._x0, begun, self._reference)
@@ -351,7 +402,7 @@ class WorkArea(Engine):
         """
         found = self._solution(u, x, iterate, unfinished)
         for begin in (self._staying, self._as_wanted):
-            if not led_nowhere(found.status, found.violation) or found.iterations >= self._settings.max_iterations:
+            if not led_nowhere(found.status, found.violation) or found.iterations >= self._most:
                 break
             held = np.tile(self._applied, (len(u), 1))
             found = self._from(held, found.iterations, unfinished, begin)
@@ -362,7 +413,7 @@ class WorkArea(Engine):
         u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
         x = begin(u)
-        found = self._converge(u, x, self._settings.max_iterations - before, before=before)
+        found = self._converge(u, x, self._most - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
 
     def _has_turn(self, start: int) -> bool:
@@ -378,7 +429,7 @@ class WorkArea(Engine):
         u = np.tile(np.where(np.isfinite(middle), middle, self._applied), (len(before.u), 1))
         for start, begin in enumerate((self._heading, self._staying), len(middle) + 1):
             lost = found.status is Status.INFEASIBLE or led_nowhere(found.status, found.violation)
-            if not lost or found.iterations >= self._settings.max_iterations:
+            if not lost or found.iterations >= self._most:
                 break
             if found.status is Status.INFEASIBLE and not self._has_turn(start):
                 continue
@@ -393,7 +444,7 @@ class WorkArea(Engine):
         Whole steps of a car that slides from a start where it rolls lead to where no step keeps it on the road.
         """
         last = len(self.ocp.controls)
-        if self._soft.all() or not self._has_turn(last) or missed.iterations >= self._settings.max_iterations:
+        if self._soft.all() or not self._has_turn(last) or missed.iterations >= self._most:
             return missed
         self._qp.reach = GENTLE
         found = self._from(begun, missed.iterations, unfinished, self._following)
@@ -409,7 +460,7 @@ class WorkArea(Engine):
         """
         both, found = self.ocp.input_bounds.sum(axis=1), missed
         for j in range(len(both) if len(self._plain) else 0):
-            if found.iterations >= self._settings.max_iterations:
+            if found.iterations >= self._most:
                 break
             if not self._has_turn(j):
                 continue
@@ -514,7 +565,7 @@ class WorkArea(Engine):
     def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
         self._until, self._allowed = perf_counter() + self._allowed, self._limit
         self._x0, self._applied, self._reference = x, applied, reference
-        self._qp.reach = np.inf  # a gentle start may have ended in an error
+        self._qp.reach, self._exact = np.inf, False  # a start may have ended in an error
         self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
         if self._varied or reference.varied:
             self._varied = reference.varied
@@ -693,11 +744,12 @@ class WorkArea(Engine):
         return float((self._plain[soft] * excess[soft] + 0.5 * self._square[soft] * excess[soft] ** 2).sum())
 
     def _converge(
-        self, u: np.ndarray, x: np.ndarray, most: int, *, loose: bool = False, before: int = 0
+        self, u: np.ndarray, x: np.ndarray, most: int, *, loose: bool = False, before: int = 0, handed: bool = False
     ) -> tuple[np.ndarray, np.ndarray, Iterate]:
         """Steps with a line search on an exact penalty function, corrected along remembered steps.
 
-        If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is.
+        If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is. Where others went
+        on to here (``handed``), their multipliers are known.
         """
         # Long: the loop of solver.c, in the same order.
         n = self._sizes[0]
@@ -711,7 +763,9 @@ class WorkArea(Engine):
         price, dearest, missed = 0.0, 0.0, 0.0  # missed: of limits by the step, at that price
         settled, stays = False, 0  # at a lower price, just before; steps in a row that leave the excess at the highest
         whole = np.inf  # size of the last step, if near and taken so
-        multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
+        tail, tries, known = Tail(), Tries(), handed
+        pi, multipliers = self._left if handed else (np.zeros_like(x), np.zeros(len(self._plain)))
+        iterate, took = Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
         if not m.finite:
@@ -726,6 +780,12 @@ class WorkArea(Engine):
                 moved = (u.ravel() - old[0]) / np.tile(self._scale, n)
                 if np.abs(moved).max() > BY_ROUNDING:  # else states moved alone, which is no curvature
                     pairs = [*pairs, (moved, slope - old[1])][-PAIRS:]
+            bent = self._bent(m, u, x, G, (pi, multipliers) if known else None) if self._exact else None
+            plain = H, g
+            if bent is not None:
+                tries.wanted |= handed and count == 1 and bent.negative
+                more = bent.added(everything=False)
+                H, g = H + more[0], g + more[1]
             for step, change in pairs:
                 H = secant(H, step, change)
             H[np.diag_indices_from(H)] *= 1 + damp
@@ -733,7 +793,11 @@ class WorkArea(Engine):
             first = 10 * (1 + float(np.abs(g).max()))  # price: more than any input gains by missing limits here
             if soft:
                 self._qp.price(price)
-            done, step, multipliers = self._qp.solve(*given)
+            newton = None
+            if bent is not None and tries.wanted and damp == 0.0:
+                tries.tried, newton = True, self._newton_step(bent, plain, L, u, slope, multipliers)
+                tries.good = newton is not None
+            done, step, multipliers = newton or self._qp.solve(*given)
             part = 1.0
             if done is not Status.SOLVED and len(self._plain):  # here: limits at a price may lead elsewhere
                 if price == 0.0:
@@ -749,7 +813,9 @@ class WorkArea(Engine):
                 return u, x, replace(iterate, status=Status.INFEASIBLE if dear else done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
-            least = 1.5 * np.abs(promise.pi)
+            pi, known = promise.pi, True
+            self._left = pi, multipliers
+            least = 1.5 * np.abs(pi)
             missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
             paid = missed > 1e-8  # for limits that the step misses: no plan yet, however small what is left
             all_of_it = part == 1.0 and self._qp.reach == np.inf  # that inputs can do
@@ -779,6 +845,8 @@ class WorkArea(Engine):
             small, lower = near and size <= FLAT and not paid, here < lowest - 1e-12 * abs(here)
             circling = circling + 1 if small and not lower else 0  # as where a limit that hardly counts comes and goes
             back = circling >= IDLE and here > lowest + 1e-12 * abs(here)  # to the lowest
+            still = predicted <= TELLING * here
+            slow = tail.lingers(size, tolerance, count, still=still and violation <= FEASIBLE and not paid)
             idle = IDLE if back or circling >= 2 * IDLE else idle
             lowest = min(here, lowest) if small else np.inf
             last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
@@ -834,10 +902,14 @@ class WorkArea(Engine):
                 return u, x, replace(iterate, status=Status.INFEASIBLE) if paid else iterate
             if loose and count >= CONTENT and violation <= FEASIBLE and not paid:
                 return u, x, iterate
+            lost = not paid and nearest > FEASIBLE and count - neared >= 2 * PATIENCE
+            if (slow or lost) and self._hands_over and not (self._exact or loose):
+                return u, x, iterate
             if len(self._plain) and not soft and nearest > 1e-6 and count - neared >= PATIENCE:  # or about kept ones
                 price, dearest = (price, dearest) if price else (first, PRICES * first)
                 soft, priced = True, count
             calm += 1
+            tries.choose(whole=t == 1.0, negative=bent is not None and bent.negative)
             if t == 1.0:
                 self._qp.reach = 2 * self._qp.reach if 2 * self._qp.reach < FREE else np.inf
             whole = size if near and t == 1.0 else np.inf
@@ -848,6 +920,44 @@ class WorkArea(Engine):
         if stays and nearest > FEASIBLE:  # which nothing is where limits were kept on the way
             iterate = replace(iterate, status=Status.INFEASIBLE)
         return u, x, iterate
+
+    def _bent(
+        self, m: Linear, u: np.ndarray, x: np.ndarray, G: np.ndarray, known: tuple[np.ndarray, np.ndarray] | None
+    ) -> Bent:
+        """Second derivatives with these multipliers; before there are some, with prices of limits that are exceeded."""
+        assert self._curvature is not None  # noqa: S101
+        of_l, limited, bounds = np.zeros_like(m.limited), m.limited[self._limit_at], self._bounds
+        if known is None:
+            over, under = limited - bounds[:, 1], bounds[:, 0] - limited
+            beyond = np.where(self._soft & (over >= 0), 1.0, 0.0) - np.where(self._soft & (under >= 0), 1.0, 0.0)
+            plain = np.where(self._soft, self._plain, 0.0)
+            known = np.zeros_like(x), beyond * (plain + self._square * np.maximum(over, under).clip(0.0))
+        of_l[self._limit_at] = known[1]
+        w = self._reference.exogenous
+        given = (x, u, w, self._reference.tracked)
+        M = self._curvature.at(given, known[0], of_l, self._weight_rows * m.e)
+        return self._curvature.bent(M, G)
+
+    def _newton_step(
+        self,
+        bent: Bent,
+        plain: tuple[np.ndarray, np.ndarray],
+        L: np.ndarray,
+        u: np.ndarray,
+        slope: np.ndarray,
+        multipliers: np.ndarray,
+    ) -> tuple[Status, np.ndarray, np.ndarray] | None:
+        """The step by all curvature, where that is positive along what is held; None where it is not."""
+        H, g = (one + more for one, more in zip(plain, bent.added(everything=True), strict=True))
+        low, high = ((np.tile(b, len(u)) - u.ravel()) / np.tile(self._scale, len(u)) for b in self.ocp.input_bounds.T)
+        some = (multipliers != 0) & ~(self._soft & (np.abs(multipliers) >= self._plain))
+        at = np.where(multipliers > 0, self._bounds[:, 1], self._bounds[:, 0])[some] - L[some, -1]
+        rows = held_rows(low, high, slope, L[some, :-1], at)
+        lent = rows.lend(H, g)
+        if lent is None:
+            return None
+        found = self._qp.solve(*lent, L, u, self._applied, self._bounds)
+        return found if found[0] is Status.SOLVED and rows.kept_by(found[1]) else None
 
     def _merit(
         self, m: Linear, u: np.ndarray, x: np.ndarray, penalty: np.ndarray, hard_penalty: float

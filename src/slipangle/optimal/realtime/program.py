@@ -30,10 +30,11 @@ from slipangle.optimal.realtime.products import chained, follow_on
 
 LONG = 250_000  # characters of one straight-line function; beyond, it is compiled with less effort
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
-    "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x begun_u pi "
+    "qp.lambda tolerance time_limit newton accept u x k working cost violation residual step seconds seconds_prepare "
+    "seconds_feedback"
 ).split()
-COUNTS = "max_iterations fixed fresh misses iterations qp_iterations by_stages anew".split()
+COUNTS = "max_iterations fixed fresh misses hands_over iterations qp_iterations by_stages anew".split()
 _GCC = """\
 #if defined __GNUC__ && !defined __clang__
 #pragma GCC optimize("{effort}")

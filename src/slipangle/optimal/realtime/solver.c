@@ -1120,6 +1120,26 @@ static void choose_curvature(Work *s, double t)
 }
 #endif
 
+/* Steps that promise nothing that tells, one after the other: how many, and the smallest, now and by the last look at them. */
+typedef struct {
+    int64_t steps;
+    double least, before;
+} Tail;
+
+/* Whether, at the pace at which they contract, more are to come than there were, `n`, and than patience has. */
+static int lingers(const Work *s, Tail *tail, int still, int64_t n)
+{
+    tail->steps = still ? tail->steps + 1 : 0;
+    if (tail->steps <= 1)
+        tail->least = tail->before = s->step;
+    tail->least = smaller(s->step, tail->least);
+    if (tail->steps % IDLE != 1 || tail->steps == 1)
+        return 0;
+    double pace = log(tail->least / tail->before) / IDLE;
+    tail->before = tail->least;
+    return log(s->tolerance / tail->least) < pace * (double)(n > PATIENCE ? n : PATIENCE);
+}
+
 /* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
    damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
@@ -1132,13 +1152,14 @@ static int converge(Work *s, int64_t most, int loose)
     double whole = INFINITY;                 /* size of the last step, if near and taken so */
     double begun = 0;                        /* merit at first */
     memset(s->penalty, 0, sizeof s->penalty);
-    s->curved = 0, s->step = INFINITY;
+    s->curved = s->fresh == HANDED_OVER, s->step = INFINITY;
 #ifdef CURVED
     s->saddle = s->tried = s->failed = s->rest = 0;
 #endif
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0, soft = 0; /* soft: hard limits have their price even where a step keeps them */
     int settled = 0, stays = 0; /* at a lower price, just before; steps in a row that leave the excess at the highest one */
+    Tail tail = {0};
     int64_t priced = 0, neared = 0; /* iterations when that price was set, and when the violation was `nearest` to none */
     double nearest = INFINITY;
     if (!begins(s, LINEARISE))
@@ -1146,6 +1167,9 @@ static int converge(Work *s, int64_t most, int loose)
     if (!linearise(s))
         return NOT_FINITE;
     ends(s, LINEARISE);
+#ifdef CURVED
+    s->saddle = s->curved && has_negative(s);
+#endif
     for (int64_t n = 0; n < most;) {
         int posed = pose(s, 1, calm >= CALM); /* Gauss-Newton steps alone are slow where errors remain large */
         if (posed != SOLVED)
@@ -1195,6 +1219,7 @@ static int converge(Work *s, int64_t most, int loose)
         int around = circling >= 2 * IDLE || (circling >= IDLE && here > lowest + 1e-12 * fabs(here)); /* back to the lowest */
         lowest = small ? smaller(here, lowest) : INFINITY;
         idle = around ? IDLE : idle;
+        int slow = lingers(s, &tail, still && violation <= FEASIBLE && !paid, n);
         int last = near && !s->frail && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
         int hazy = last && (blurred(s, cost) || outgrown(s));
 #ifdef RICCATI
@@ -1256,6 +1281,8 @@ static int converge(Work *s, int64_t most, int loose)
         if (loose && nearest > FEASIBLE && n - neared >= (paid ? NO_NEARER_PAID : NO_NEARER))
             return paid ? INFEASIBLE : ITERATION_LIMIT;
         if (loose && n >= CONTENT && s->violation <= FEASIBLE && !paid)
+            return ITERATION_LIMIT;
+        if (s->hands_over && (slow || (!paid && nearest > FEASIBLE && n - neared >= 2 * PATIENCE)))
             return ITERATION_LIMIT;
         if (N_LIMITS > 0 && !soft && nearest > FEASIBLE && n - neared >= PATIENCE) { /* or about limits that are just kept */
             price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
@@ -1569,7 +1596,8 @@ static int nearby(const Work *s)
 
 /* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them,
    which may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states
-   rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first takes a
+   rolled out), from inputs and states (GIVEN; HANDED_OVER: and multipliers), or from inputs (GIVEN_INPUTS: states rolled
+   out). Only the first takes a
    fixed number of iterations. RETRY is FROM_NOTHING with what an unfinished solve left put aside. */
 static void start(Work *s)
 {

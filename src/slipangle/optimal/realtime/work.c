@@ -23,7 +23,7 @@
 #define AHEAD (NS == N && N > 1 && JUMPS == 0 && (DYNAMICS == CALLED || SPARE))
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
-enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY };
+enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME, RETRY, HANDED_OVER };
 enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
@@ -64,6 +64,7 @@ typedef struct {
     double way_u[N * NU], way_x[(N + 1) * NX]; /* of a fallback, as one block: what it follows, then what it is */
     double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh, misses; /* misses: fallbacks in a row before the last one, which was by missed limits */
+    int64_t hands_over; /* whether steps that contract slowly end here, as others go on from there */
     /* the iterate and what Python reads, u to residual as one block */
     double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
