@@ -16,6 +16,8 @@ from slipangle.export.kinds import project_of
 from slipangle.export.memory import size_of
 from slipangle.export.names import checked, comment, constants
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
+from slipangle.ops import sin
+from slipangle.optimal.solution import Status
 from tests.control.marx.test_mpc import BY_POSE
 from tests.export.loaded import Loaded, same
 from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
@@ -109,6 +111,32 @@ def test_same_as_python_to_the_last_bit_whatever_happens(kind):
 
 
 @needs_compiler
+def test_plans_that_gauss_newton_steps_do_not_end_are_recorded_as_the_code_makes_them():
+    """Python goes on by the exact Hessian there; replayed, the code would seem to decide otherwise."""
+    mpc = sa.MPC(
+        sa.Ode(
+            f=lambda x, u, p: [x[1] - 0.5, u[0] - sin(x[0] + 1.2)],
+            states=("phi", "rate"),
+            inputs=("a",),
+            params={},
+            dt=0.1,
+        ),
+        horizon=40,
+        Q=sa.Weights(miss=5.0),
+        R=sa.Weights(a=0.1),
+        terms={"miss": lambda x, u, p: 30.0 + sin(2.0 * x[0] + 2.4) * (x[1] - 0.5) + (x[0] + 1.2) ** 2},
+        limits=sa.Limits(a=1000.0),
+        solver=sa.RealTime(iterations=0, max_iterations=200),
+    )
+    alone = replace(mpc, solver=replace(mpc.solver, hessian="gauss-newton"))
+    x = np.zeros(2)
+    assert (mpc.plan(x).status, alone.plan(x).status) == (Status.SOLVED, Status.ITERATION_LIMIT)
+    made, plain = (project_of(each, "", 3) for each in (mpc, alone))
+    assert made.drive == plain.drive
+    assert "at most 200 Gauss-Newton steps" in made.about
+    assert "Gauss-Newton" not in plain.about
+
+
 def test_a_first_call_without_a_state_is_the_stop_law():
     mpc = controller(5, safe=sa.Values(delta=0.1))
     reference = mpc.reference(sa.double_lane_change(20.0).ahead(0.0, mpc.times))

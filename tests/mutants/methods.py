@@ -1127,6 +1127,51 @@ MUTANTS = [
         [("drive: width of the car on one side", "self.e_y + half <= lane.left", "self.e_y - half <= lane.left")],
     ),
     *mistakes(
+        "data/quality/lateness.py",
+        "data/quality/test_lateness.py",
+        [
+            ("lateness: sign of the steering's rate", "columns = [-v * rate,", "columns = [v * rate,"),
+            ("lateness: lag of the tires forgotten", "[-v * v * rate] if by_speed", "[] if by_speed"),
+            ("lateness: a_y as early as r", "Lag(-across.seconds, across.error)", "Lag(across.seconds, across.error)"),
+            ("lateness: jerk the wrong way", "lag - drives.dt) -", "lag + drives.dt) -"),
+            ("lateness: any speed is told late", "_BEHIND = 0.1, 3.0", "_BEHIND = 0.5, 3.0"),
+        ],
+    ),
+    *mistakes(
+        "data/quality/speed_scale.py",
+        "data/quality/test_lateness.py",
+        [
+            ("speed scale: upside down", "found[0] / found[1]", "found[1] / found[0]"),
+            ("speed scale: by plain least squares", "first @ total[:told, -1]", "first @ total[:told, told]"),
+        ],
+    ),
+    *mistakes(
+        "data/quality/clipped.py",
+        "data/quality/test_clipped.py",
+        [
+            ("clipped: one side only", "for side in (1.0, -1.0)}", "for side in (1.0, 1.0)}"),
+            ("clipped: a rest that begins at its most", "or first - end > _AT_ONCE * more", "or False"),
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/last_steps.py",
+        "optimal/test_last_steps.py",
+        [
+            ("last steps: never slow", "return math.log(tolerance", "return 0 * math.log(tolerance"),
+            ("last steps: a dearer plan is taken", "return found and other <= cost", "return found or other <= cost"),
+            (
+                "last steps: a plan as none",
+                "return status.unfinished and violation",
+                "return not status.unfinished and violation",
+            ),
+        ],
+    ),
+    *mistakes(
+        "export/kinds.py",
+        "export/test_mpc.py::test_plans_that_gauss_newton_steps_do_not_end_are_recorded_as_the_code_makes_them",
+        [("export: recorded with the last steps", "_driven(as_in_c(thing), drive)", "_driven(thing, drive)")],
+    ),
+    *mistakes(
         "simulate/sensors.py",
         "simulate/test_sensors.py",
         [

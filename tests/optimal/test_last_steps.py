@@ -12,7 +12,7 @@ from slipangle.models.custom import Ode
 from slipangle.ops import exp, sin
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.realtime import RealTime, backend, curvature
-from slipangle.optimal.realtime.last_steps import Tail
+from slipangle.optimal.realtime.last_steps import Tail, better, leaves
 from slipangle.optimal.solution import CURVED, Status
 from slipangle.optimal.terms import Limits, Weights
 
@@ -157,6 +157,20 @@ def test_its_code_is_compiled_where_a_plan_needs_it_and_before_all_where_there_i
     made.clear()
     assert hurried.plan(x, rate=0.0).status is Status.SOLVED
     assert not made
+
+
+def test_what_the_last_steps_lead_to_is_taken_if_it_is_no_dearer_than_a_plan_that_was_there():
+    cut, no_plan = (Status.ITERATION_LIMIT, 10.0, 0.0), (Status.INFEASIBLE, 10.0, 1e-3)
+    assert better(cut, (Status.SOLVED, 9.0, 0.0))
+    assert better(cut, (Status.SOLVED, 10.0 + 5e-6, 0.0))
+    assert not better(cut, (Status.SOLVED, 10.1, 0.0))
+    assert not better(cut, (Status.ITERATION_LIMIT, 9.0, 1e-3))
+    assert better(cut, (Status.ITERATION_LIMIT, 9.0, 0.0))
+    assert better(no_plan, (Status.SOLVED, 20.0, 0.0))
+    assert not better(no_plan, (Status.INFEASIBLE, 5.0, 1e-3))
+    assert leaves(Status.ITERATION_LIMIT, Status.INFEASIBLE, found=True) is Status.STALLED
+    assert leaves(Status.ITERATION_LIMIT, Status.TIME_OUT, found=True) is Status.TIME_OUT
+    assert leaves(Status.STALLED, Status.INFEASIBLE, found=False) is Status.INFEASIBLE
 
 
 def test_steps_linger_where_more_are_to_come_than_there_were():

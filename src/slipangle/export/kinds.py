@@ -25,7 +25,7 @@ from slipangle.export.estimators import estimator_project
 from slipangle.export.followers import follower_project
 from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
-from slipangle.export.mpc import mpc_project
+from slipangle.export.mpc import as_in_c, mpc_project
 from slipangle.export.project import Project
 from slipangle.export.racers import racer_project, standard_racer_drive
 from slipangle.export.recursions import recursion_project
@@ -92,11 +92,16 @@ def _controller(kind: type, project: Callable[[Any, str, Drive], Project], named
     project_of.register(kind, made)
 
 
-_controller(MPC, mpc_project, "mpc")
 _controller(MultiARXMPC, marx_project, "marx")
 _controller(AdaptiveMultiARXMPC, marx_project, "marx")
 _controller(SwitchedMPC, switched_project, "switched")
 _controller(PathFollower, follower_project, "follower")
+
+
+@project_of.register
+def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, MPC)
+    return mpc_project(thing, name or "mpc", _driven(as_in_c(thing), drive))
 
 
 @project_of.register

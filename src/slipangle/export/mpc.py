@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from slipangle.control.mpc import MPC
 from slipangle.export.controllers import around, number, project, table
@@ -28,7 +29,23 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
     kind = "model predictive controller"
-    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, parts=(joined,) if joined else ())
+    made = project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, parts=(joined,) if joined else ())
+    alone = _ALONE.format(most=settings.max_iterations)
+    return made if as_in_c(mpc) is mpc else replace(made, about=f"{made.about}\n\n{alone}")
+
+
+def as_in_c(mpc: MPC) -> MPC:
+    """The controller as its C plans, which goes to convergence without the last steps of `RealTime`."""
+    settings = mpc.solver
+    if not isinstance(settings, RealTime) or settings.iterations > 0 or settings.hessian != "auto":
+        return mpc
+    return replace(mpc, solver=replace(settings, hessian="gauss-newton"))
+
+
+_ALONE = (
+    "Plans go to convergence by at most {most} Gauss-Newton steps; one that these do not end, where Python goes on by "
+    'the exact Hessian, is told by its status. Exported with `hessian="exact"`, plans are by that from the start.'
+)
 
 
 def _constants(mpc: MPC, settings: RealTime) -> str:

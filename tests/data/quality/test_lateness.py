@@ -15,13 +15,13 @@ ROLL = 1.06  # a_y as an accelerometer on a rolling body reads it
 
 
 @cache
-def driven(seed, one_speed=False):
+def driven(seed, one_speed=False, slow=1.0):
     """A linear single track with a lag in its steering, in bends at changing speeds; every channel with noise."""
     rng, n = np.random.default_rng(seed), 4500
     t = np.arange(n * FINE) * DT / FINE
     v = 17.0 + (0.0 if one_speed else 1.0) * (5.0 * np.sin(0.35 * t) + 3.0 * np.sin(0.83 * t + seed))
     delta = 0.3 / v * (np.sin(0.9 * t + seed) + 0.7 * np.sin(0.31 * t) + 0.5 * np.sin((1.0 + 0.04 * t) * t / 2))
-    m, J, a, C_f, C_r = CAR.values()
+    m, J, a, C_f, C_r = (CAR | {"inertia_z": slow * CAR["inertia_z"]}).values()
     b, (v_y, r, wheels), rows = LENGTH - a, (0.0, 0.0, 0.0), np.empty((n * FINE, 3))
     for k in range(n * FINE):
         wheels += (delta[k] - wheels) * DT / FINE / OWN
@@ -35,9 +35,9 @@ def driven(seed, one_speed=False):
     return {name: x[::FINE] + size[name] * rng.standard_normal(n) for name, x in logged.items()}
 
 
-def log(outputs, seed=0, one_speed=False, **change):
+def log(outputs, seed=0, one_speed=False, slow=1.0, **change):
     """A log of some outputs, channels changed by functions."""
-    table = dict(driven(seed, one_speed))
+    table = dict(driven(seed, one_speed, slow))
     table |= {name: f(table[name]) for name, f in change.items()}
     return Dataset.from_arrays({n: table[n] for n in ("delta", "v_x")}, {n: table[n] for n in outputs}, DT)
 
@@ -74,6 +74,17 @@ def test_a_steering_that_is_logged_late_is_named_with_its_time(outputs, one_spee
     assert seconds - 0.25 < told < seconds  # what the car takes is hidden by it
     assert "delta is logged late" in said
     assert ("so does a_y" in said) == ("a_y" in outputs)
+
+
+def test_what_tires_take_grows_with_speed_and_is_told_from_the_steerings_lateness():
+    """Of a car that turns slowly more is hidden where its speed is always the same."""
+
+    def told(one_speed):
+        (said,) = doubts(log(("r",), 1, one_speed, 2.0, delta=later(0.3)), wheelbase=LENGTH)
+        return float(said.removeprefix("r comes ").split(" s before")[0])
+
+    assert 0.07 < told(one_speed=True) < 0.13 < told(one_speed=False) < 0.3
+    assert doubts(log(("r",), 1, False, 2.0), wheelbase=LENGTH) == ()
 
 
 def test_a_steering_that_is_as_late_as_the_car_takes_is_not_seen_and_a_late_car_is_none():
