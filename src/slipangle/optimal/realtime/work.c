@@ -64,7 +64,6 @@ typedef struct {
     double way_u[N * NU], way_x[(N + 1) * NX]; /* of a fallback, as one block: what it follows, then what it is */
     double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh, misses; /* misses: fallbacks in a row before the last one, which was by missed limits */
-    int64_t hands_over; /* whether steps that contract slowly end here, as others go on from there */
     /* the iterate and what Python reads, u to residual as one block */
     double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
@@ -100,6 +99,7 @@ typedef struct {
     int64_t unstable; /* whether that blurs the optimum, as states that grow much do: it is not condensed any more */
     int64_t astray; /* whether a step of this solve, by stages, goes so far without its inputs that few digits are left */
     int64_t frail; /* whether the last program was condensed with few digits */
+    int64_t hands_over; /* as Python says: whether steps that contract slowly end here, as others go on from there */
     double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
     Qp qp;
