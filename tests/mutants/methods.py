@@ -405,11 +405,6 @@ MUTANTS = [
         [("structures: lengths drawn apart", "((one, 1.0), (other, -1.0))", "((one, 1.0), (other, 1.0))")],
     ),
     *mistakes(
-        "identify/car/corrections.py",
-        "identify/car/test_structures.py::test_every_tire_relaxes_where_v_y_is_measured",
-        [("corrections: relaxation has to be earned", 'ordinary="v_y" in data.outputs', "ordinary=False")],
-    ),
-    *mistakes(
         "identify/car/effects.py",
         "identify/car/test_shape.py::test_tires_that_yield_as_a_brush_are_in_the_intervals",
         [("brushes: on the same curve", "with_values(brush=1.0, ", "with_values(brush=0.0, ")],

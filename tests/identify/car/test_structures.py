@@ -188,16 +188,6 @@ def test_what_every_car_has_need_not_earn_its_parameters_and_what_is_constant_mu
     assert structures.helps(linear, much, level, even, constant)
 
 
-def test_every_tire_relaxes_where_v_y_is_measured(driven):
-    """Without it, as it gained too little, a small race car's inertia at 50 Hz was off by 17 %, and by 7 with it."""
-    both = Dataset.from_arrays(
-        {name: driven[name] for name in driven.inputs}, {"v_y": 0.1 * driven["r"], "r": driven["r"]}, DT
-    )
-    for data, every in ((both, True), (driven, False)):
-        relaxes = next(c for c in corrections(data, 2.6, ()) if "relaxation_f" in c.free)
-        assert relaxes.ordinary is every
-
-
 def test_tires_bend_by_themselves_where_a_log_uses_what_any_tire_has(driven):
     def saturate(v_x: float) -> Correction:
         data = driven.with_channel("v_x", np.full(driven.n_samples, v_x), "m/s")

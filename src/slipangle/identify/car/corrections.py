@@ -87,7 +87,6 @@ def corrections(
             ("relaxation_f", "relaxation_r"),
             ({"relaxation_f": length, "relaxation_r": length},),
             around=_relaxing,
-            ordinary="v_y" in data.outputs,  # alone, the yaw rate shows little of it
         ),
     ]
     if "v_y" in data.outputs:
