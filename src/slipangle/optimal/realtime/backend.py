@@ -26,7 +26,7 @@ from slipangle.optimal.realtime.program import source
 FLAGS = ("-fschedule-insns", "-fno-tree-slp-vectorize")
 
 # Of problems in use: their C, by how quadratic programs are solved, and what runs without a compiler.
-_WRITTEN: WeakKeyDictionary[OCP, dict[str, str]] = WeakKeyDictionary()
+_WRITTEN: WeakKeyDictionary[OCP, dict[tuple[str, bool | None], str]] = WeakKeyDictionary()
 _READY: WeakKeyDictionary[OCP, Functions] = WeakKeyDictionary()
 
 
@@ -153,11 +153,12 @@ def _exact_engine(settings: RealTime, base: OCP, deadline: float | None) -> Engi
 
 
 def _source_of(ocp: OCP, qp: Literal["auto", "condensed", "riccati"]) -> str:
-    """The problem's C, written once: another deadline or tolerance changes nothing of it."""
-    written = _WRITTEN.setdefault(ocp, {})
-    if qp not in written:
-        written[qp] = source(ocp, qp=qp)
-    return written[qp]
+    """The problem's C, written once: another deadline or tolerance changes nothing of it, nor joining it anew."""
+    base, curved = (ocp.base, ocp.curved is not None) if isinstance(ocp, Joined) else (ocp, None)
+    written, way = _WRITTEN.setdefault(base, {}), (qp, curved)
+    if way not in written:
+        written[way] = source(ocp, qp=qp)
+    return written[way]
 
 
 def _functions_of(ocp: OCP) -> Functions:
