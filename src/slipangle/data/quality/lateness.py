@@ -54,18 +54,15 @@ class _Drives:
 
     def of(self, name: str, later: float = 0.0) -> np.ndarray:
         """A channel as it was so many seconds before. (n,)"""
-        return self._joined([np.interp(self._t(x) - later, self._t(x), x) for x in self._each(name)])
+        return self._joined(self._shifted(name, later))
 
     def rate(self, name: str, later: float = 0.0) -> np.ndarray:
         """Its change per second. (n,)"""
-        shifted = [np.interp(self._t(x) - later, self._t(x), x) for x in self._each(name)]
-        return self._joined([np.gradient(x, self.dt) for x in shifted])
+        return self._joined([np.gradient(x, self.dt) for x in self._shifted(name, later)])
 
-    def _each(self, name: str) -> list[np.ndarray]:
-        return [slow[name] for slow in self._slow]
-
-    def _t(self, x: np.ndarray) -> np.ndarray:
-        return np.arange(len(x)) * self.dt
+    def _shifted(self, name: str, later: float) -> list[np.ndarray]:
+        times = [np.arange(len(slow[name])) * self.dt for slow in self._slow]
+        return [np.interp(t - later, t, slow[name]) for t, slow in zip(times, self._slow, strict=True)]
 
     def _joined(self, parts: list[np.ndarray]) -> np.ndarray:
         return np.concatenate([x[kept] for x, kept in zip(parts, self._kept, strict=True)])

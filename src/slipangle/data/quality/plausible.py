@@ -7,7 +7,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.clipped import clipped
 from slipangle.data.quality.lateness import late
-from slipangle.data.quality.regression import about_means, by_blocks, coefficient, lag_of, rate_of, slope_of
+from slipangle.data.quality.regression import about_means, by_blocks, coefficient, explained, lag_of, rate_of, slope_of
 from slipangle.data.quality.slow_motion import (
     SPEEDS,
     offset_of_r,
@@ -374,9 +374,7 @@ def _slips(smooth: dict[str, np.ndarray], drives: np.ndarray) -> tuple[np.ndarra
     v, r = smooth["v_x"], smooth["r"]
     columns = r, -r * v * v, v * rate_of(r, drives), -v * rate_of(smooth["v_y"], drives), smooth["v_y"]
     squares = by_blocks(np.column_stack([about_means(column, drives) for column in columns]), drives)
-    whole = squares.sum(axis=0)
-    found = np.linalg.lstsq(whole[:2, :2], whole[:2, -1], rcond=1e-12)[0]
-    return squares, float(found @ whole[:2, -1] / max(whole[-1, -1], 1e-300))
+    return squares, explained(squares, by=2)
 
 
 def _swapped(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> bool:

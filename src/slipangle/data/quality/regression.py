@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
@@ -49,24 +49,33 @@ def coefficient(squares: np.ndarray, which: int = 0) -> tuple[float, float]:
 
     The error is infinite of three blocks or fewer (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
     """
-    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
-    squares = squares / np.outer(size, size)
+    size = sizes(squares)
 
     def of(total: np.ndarray) -> float:
         found = np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-9)[0]
         return float(found[which] * size[-1] / size[which])
 
+    return jackknife(squares / np.outer(size, size), of)
+
+
+def sizes(squares: np.ndarray) -> np.ndarray:
+    """Norm of each column, shape (n,)."""
+    return np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
+
+
+def jackknife(squares: np.ndarray, of: Callable[[np.ndarray], float]) -> tuple[float, float]:
+    """What ``of`` makes of the sum over blocks, and its standard error, by each block left out."""
     whole, n = squares.sum(axis=0), len(squares)
     others = np.array([of(whole - one) for one in squares])
-    error = float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if n > 3 else np.inf
-    return of(whole), error
+    told = n > 3 and np.isfinite(others).all()
+    return of(whole), float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if told else np.inf
 
 
-def explained(squares: np.ndarray) -> float:
-    """Share of the last column's squares that the others explain."""
+def explained(squares: np.ndarray, by: int = -1) -> float:
+    """Share of the last column's squares that the first ``by`` explain, by default all others."""
     whole = squares.sum(axis=0)
-    found = np.linalg.lstsq(whole[:-1, :-1], whole[:-1, -1], rcond=1e-12)[0]
-    return float(found @ whole[:-1, -1] / max(whole[-1, -1], 1e-300))
+    found = np.linalg.lstsq(whole[:by, :by], whole[:by, -1], rcond=1e-12)[0]
+    return float(found @ whole[:by, -1] / max(whole[-1, -1], 1e-300))
 
 
 def about_means(x: np.ndarray, drives: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.regression import about_means, by_blocks
+from slipangle.data.quality.regression import about_means, by_blocks, jackknife, sizes
 from slipangle.data.quality.stuck import low_pass
 
 _BODIES = 0.7, 1.5  # Hz, below which an accelerometer shows what the car's centre of gravity does; both have to tell
@@ -49,8 +49,7 @@ def _share(fast: Sequence[Dataset], below: float) -> tuple[float, float]:
     drives = np.repeat(np.arange(len(tables)), [len(t) for t in tables])
     table = np.concatenate(tables)
     squares = by_blocks(np.column_stack([about_means(column, drives) for column in table.T]), drives)
-    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
-    squares, n = squares / np.outer(size, size), len(squares)
+    size = sizes(squares)
 
     def of(total: np.ndarray) -> float:
         first = np.linalg.lstsq(total[:told, :told], total[:told, told:-1], rcond=1e-10)[0].T
@@ -58,6 +57,4 @@ def _share(fast: Sequence[Dataset], below: float) -> tuple[float, float]:
         found = found / size[told:-1]
         return float(found[0] / found[1]) if found[1] > 0 else np.inf
 
-    others = np.array([of(squares.sum(axis=0) - one) for one in squares])
-    spread = float(np.sum((others - others.mean()) ** 2)) if np.isfinite(others).all() and n > 3 else np.inf
-    return of(squares.sum(axis=0)), float(np.sqrt((n - 1) / n * spread))
+    return jackknife(squares / np.outer(size, size), of)

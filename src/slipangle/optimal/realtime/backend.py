@@ -15,7 +15,7 @@ from slipangle.optimal.engine import Engine
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP
-from slipangle.optimal.realtime.curvature import in_the_way, require_curvature
+from slipangle.optimal.realtime.curvature import require_curvature, unfit
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import Functions, InterpretedEngine
 from slipangle.optimal.realtime.last_steps import LastSteps
@@ -137,7 +137,7 @@ class RealTime(Checked):
 
     def _last_steps(self, ocp: OCP, deadline: float | None) -> LastSteps | None:
         """What ends plans to convergence that these steps do not; none in a loop are to wait for a compiler."""
-        if self.iterations > 0 or self.hessian != "auto" or in_the_way(ocp):
+        if self.iterations > 0 or self.hessian != "auto" or unfit(ocp):
             return None
         base = ocp.base if isinstance(ocp, Joined) else ocp
         last = LastSteps(partial(_exact_engine, replace(self, hessian="exact"), base, deadline))

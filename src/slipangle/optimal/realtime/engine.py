@@ -412,7 +412,8 @@ class WorkArea(Engine):
         mine, theirs, first = self._view, other._view, OUTCOMES[outcome]
         hand_over(mine, theirs, self.ocp, other.ocp)
         other._fresh[0] = HANDED_OVER
-        if not kept(first, self._numbers[1]):  # from where that led nowhere, but from where it began
+        whole = kept(first, float(self._numbers[1]))
+        if not whole:  # from where that led nowhere, but from where it began
             theirs["u"][...], other._fresh[0] = mine["begun_u"], GIVEN_INPUTS
         theirs["max_iterations"][0], theirs["misses"][0] = left, mine["misses"][0]
         theirs["time_limit"][0] = max(self._time.item() - mine["seconds"].item(), 0.0)
@@ -427,21 +428,19 @@ class WorkArea(Engine):
             self._found[:] = other._found
             self._anew |= other._anew
             return ended
-        return OUTCOMES.index(leaves(first, OUTCOMES[ended], found=kept(here[0], here[2])))
+        return OUTCOMES.index(leaves(first, OUTCOMES[ended], found=whole))
 
     def _end_alone(self, outcome: int) -> int:
         """Go on by the same steps, as the problem has no exact Hessian."""
         self._last, self._view["hands_over"][0] = None, False
         done, most = self._iterations.item(), self._settings.max_iterations
-        if not OUTCOMES[outcome].unfinished:
-            self._view["max_iterations"][0] = most
-            return outcome
-        self._view["max_iterations"][0], self._fresh[0] = most - done, GIVEN
-        self._time[0] = max(self._time.item() - self._view["seconds"].item(), 0.0)
-        ended = self._call(self._pointer)
+        if OUTCOMES[outcome].unfinished:
+            self._view["max_iterations"][0], self._fresh[0] = most - done, GIVEN
+            self._time[0] = max(self._time.item() - self._view["seconds"].item(), 0.0)
+            outcome = self._call(self._pointer)
+            self._iterations += done
         self._view["max_iterations"][0] = most
-        self._iterations += done
-        return ended
+        return outcome
 
 
 class CompiledEngine(EngineOfThreads):

@@ -23,7 +23,7 @@ from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, i
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
 from slipangle.optimal.realtime.interpreted_truth import Promise, blurred, moves_on, outgrown, reach_of, units
-from slipangle.optimal.realtime.last_steps import UNFOUND, Tail, better, kept, leaves, saved
+from slipangle.optimal.realtime.last_steps import DEARER, IDLE, PATIENCE, UNFOUND, Tail, better, kept, leaves, saved
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -52,10 +52,8 @@ from slipangle.optimal.solution import (
 PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before they count
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
 _CUT = Status.ITERATION_LIMIT, Status.TIME_OUT, Status.STALLED  # of a solve that may have a plan without its optimum
-IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
 BY_ROUNDING = 1e-12  # largest change of an input that may be rounding alone, where it stays at its bound
 ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
-PATIENCE = 40  # iterations at one price, or no nearer to limits without one, after which they get a higher one
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
 SETTLED = 1e-5  # largest change of an input in units of its range after which missed limits may get a higher price
 STAYED = 10  # steps in a row, at the highest price, that bring limits no nearer, after which they have no answer here
@@ -63,7 +61,6 @@ STRAINED = 10  # multiplier of a hard limit over a price that was paid, beyond w
 GAIN = 0.25  # share of what a whole step promised that it must bring, where limits have a price, to be damped less
 TELLING = 1e-5  # of the merit, that no last step promises
 FEW_STEPS = 5  # whole ones, after which a plan may still be far from where they began
-DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf

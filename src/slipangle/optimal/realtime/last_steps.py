@@ -20,8 +20,10 @@ from slipangle.optimal.ocp import OCP
 from slipangle.optimal.solution import FEASIBLE, Status
 
 SAME = "x0 applied p r corridor bounds wr ws plain square u x pi qp.lambda".split()  # of both solvers' memory
-DEARER = 1e-6  # as in work.c
-IDLE, PATIENCE = 10, 40  # as in work.c
+# As in work.c.
+DEARER = 1e-6  # of its cost, by which a plan is dearer than what it began with
+IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
+PATIENCE = 40  # iterations at one price, or no nearer to limits without one, after which they get a higher one
 UNFOUND = Status.ITERATION_LIMIT, Status.STALLED, Status.INFEASIBLE, Status.FAILED  # after which others may find it
 
 
