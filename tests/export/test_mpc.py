@@ -19,7 +19,9 @@ from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.ops import sin
 from slipangle.optimal.solution import Status
 from tests.control.marx.test_mpc import BY_POSE
+from tests.control.test_switched import LIMIT, SWITCHED
 from tests.export.loaded import Loaded, same
+from tests.export.test_drivers import circle, driver
 from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 from tests.models.all_models import ALL_MODELS
 
@@ -135,6 +137,28 @@ def test_plans_that_gauss_newton_steps_do_not_end_are_recorded_as_the_code_makes
     assert made.drive == plain.drive
     assert "at most 200 Gauss-Newton steps" in made.about
     assert "Gauss-Newton" not in plain.about
+
+
+@needs_compiler
+@pytest.mark.parametrize("around", ["driver", "switched"])
+def test_inside_a_driver_or_beside_another_they_are_recorded_so_too(around, monkeypatch):
+    """Steps that the code does not have are in no drive of it, and its README names their limit."""
+    settings = sa.RealTime(iterations=0, max_iterations=77)
+    if around == "driver":
+        whole = driver(circle(), horizon=5)
+        whole.controller = replace(whole.controller, solver=settings)
+    else:
+        whole = replace(SWITCHED, limit=replace(LIMIT, solver=settings), enter=0.01, leave=0.005)
+    plan, asked = sa.MPC.plan, set()
+
+    def noted(self, *given, **more):
+        asked.add(self.solver)
+        return plan(self, *given, **more)
+
+    monkeypatch.setattr(sa.MPC, "plan", noted)
+    made = project_of(whole, "", 8)
+    assert asked == {replace(settings, hessian="gauss-newton")}
+    assert "at most 77 Gauss-Newton steps" in made.about
 
 
 def test_a_first_call_without_a_state_is_the_stop_law():

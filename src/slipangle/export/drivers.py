@@ -22,6 +22,7 @@ from slipangle.export.drives import Drive, DriverRecorder, channels
 from slipangle.export.estimators import filter_source, heard
 from slipangle.export.joined import has_parts
 from slipangle.export.loops import NOTHING, Loop, line_tables, path_source
+from slipangle.export.mpc import as_in_c
 from slipangle.export.project import Project, template, with_prefix
 from slipangle.export.windows import window_solver
 from slipangle.models.wrappers.on_ground import POSE
@@ -225,6 +226,7 @@ def standard_driver_drive(driver: Driver, steps: int) -> Drive:
         Of the drive, two calls a sample time.
     """
     own = copy.copy(driver)
+    own.controller = as_in_c(driver.controller)
     recorder, model, rng = DriverRecorder(own), driver.controller.model, np.random.default_rng(0)
     recorder.reset()
     step, output, _ = model.functions

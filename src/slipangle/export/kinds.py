@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
@@ -25,7 +26,7 @@ from slipangle.export.estimators import estimator_project
 from slipangle.export.followers import follower_project
 from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
-from slipangle.export.mpc import as_in_c, mpc_project
+from slipangle.export.mpc import as_in_c, mpc_project, said_alone
 from slipangle.export.project import Project
 from slipangle.export.racers import racer_project, standard_racer_drive
 from slipangle.export.recursions import recursion_project
@@ -94,14 +95,20 @@ def _controller(kind: type, project: Callable[[Any, str, Drive], Project], named
 
 _controller(MultiARXMPC, marx_project, "marx")
 _controller(AdaptiveMultiARXMPC, marx_project, "marx")
-_controller(SwitchedMPC, switched_project, "switched")
 _controller(PathFollower, follower_project, "follower")
 
 
 @project_of.register
 def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
     _require_own(thing, MPC)
-    return mpc_project(thing, name or "mpc", _driven(as_in_c(thing), drive))
+    return said_alone(mpc_project(thing, name or "mpc", _driven(as_in_c(thing), drive)), thing)
+
+
+@project_of.register
+def _(thing: SwitchedMPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, SwitchedMPC)
+    asked = replace(thing, calm=as_in_c(thing.calm), limit=as_in_c(thing.limit))
+    return said_alone(switched_project(thing, name or "switched", _driven(asked, drive)), thing.calm, thing.limit)
 
 
 @project_of.register
@@ -112,7 +119,8 @@ def _(thing: Compensated, name: str, drive: Drive | Dataset | int) -> Project:
 
 @project_of.register
 def _(thing: Driver, name: str, drive: Drive | Dataset | int) -> Project:
-    return driver_project(thing, name or "driver", _driven(thing, drive, standard_driver_drive))
+    made = driver_project(thing, name or "driver", _driven(thing, drive, standard_driver_drive))
+    return said_alone(made, thing.controller)
 
 
 @project_of.register

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 from slipangle.control.mpc import MPC
 from slipangle.export.controllers import around, number, project, table
@@ -29,17 +30,23 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
     kind = "model predictive controller"
-    made = project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, parts=(joined,) if joined else ())
-    alone = _ALONE.format(most=settings.max_iterations)
-    return made if as_in_c(mpc) is mpc else replace(made, about=f"{made.about}\n\n{alone}")
+    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, parts=(joined,) if joined else ())
 
 
-def as_in_c(mpc: MPC) -> MPC:
-    """The controller as its C plans, which goes to convergence without the last steps of `RealTime`."""
-    settings = mpc.solver
-    if not isinstance(settings, RealTime) or settings.iterations > 0 or settings.hessian != "auto":
-        return mpc
-    return replace(mpc, solver=replace(settings, hessian="gauss-newton"))
+def as_in_c(controller: Any) -> Any:
+    """A controller as its C plans: that of an MPC goes to convergence without the last steps of `RealTime`."""
+    settings = getattr(controller, "solver", None)
+    if not isinstance(controller, MPC) or not isinstance(settings, RealTime):
+        return controller
+    if settings.iterations > 0 or settings.hessian != "auto":
+        return controller
+    return replace(controller, solver=replace(settings, hessian="gauss-newton"))
+
+
+def said_alone(made: Project, *planners: object) -> Project:
+    """The project of these planners, whose README says where its C goes less far than Python."""
+    most = {p.solver.max_iterations for p in planners if isinstance(p, MPC) and as_in_c(p) is not p}
+    return replace(made, about=f"{made.about}\n\n{_ALONE.format(most=max(most))}") if most else made
 
 
 _ALONE = (

@@ -381,7 +381,7 @@ def spent(monkeypatch):
 
         def counting(self, *args, name=name, own=own, **kwargs):
             nonlocal run
-            run += self.data.n_samples * (1 + (self.n + self.n_theta) * (name == "linearise"))
+            run += self.data.n_samples * (1 + (self.n + self.n_theta if name == "linearise" else 0))
             return own(self, *args, **kwargs)
 
         monkeypatch.setattr(PredictionCriterion, name, counting)
@@ -421,7 +421,7 @@ def drifting(seed):
 
 @pytest.mark.filterwarnings("ignore::slipangle.errors.ModelWarning", "ignore::slipangle.errors.IdentifiabilityWarning")
 def test_where_a_drift_makes_poles_outside_the_unit_circle_it_costs_little_more(spent):
-    """Of 40 such records 35 cost 5 fits at most, and one the most, 7.2; compared twice, six cost 9 to 28."""
+    """Of 40 such records 35 cost 5 fits at most, and one the most, 6.5; compared twice, six cost 9 to 28."""
     held, costs = 0, []
     for seed in range(6):
         data = drifting(seed)

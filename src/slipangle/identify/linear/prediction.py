@@ -81,8 +81,6 @@ class PredictionCriterion:
         K = K if self.prediction else np.zeros_like(K)
         limit = self.settings.max_radius
         A = shrunk(A, limit) if limit is not None else A
-        if not self.prediction and limit is None and modulus(A) > 1.001:
-            A = shrunk(A, 1.0)  # a free run from an unstable start only overflows
         point = Point(
             F=A - K @ C,
             G=B - K @ D,
@@ -93,6 +91,8 @@ class PredictionCriterion:
             y_offset=np.array(start.y_offset),
             x0=np.zeros((len(data.starts), self.n)),
         )
+        if not self.prediction and limit is None and modulus(A) > 1.001 and not self._followed(point):
+            point = replace(point, F=shrunk(A, 1.0))  # a free run from an unstable start only overflows
         power, count = np.zeros((self.n, self.n)), 0
         for u, y, _ in self._chunks():
             states = self._states(point, u, y, np.zeros(self.n))
@@ -101,6 +101,14 @@ class PredictionCriterion:
         T = (vector / np.sqrt(np.maximum(value, 1e-12 * value[-1]))).T
         back = linalg.inv(T)
         return replace(point, F=T @ point.F @ back, G=T @ point.G, K=T @ point.K, C=point.C @ back)
+
+    def _followed(self, point: Point) -> bool:
+        """Whether free runs of the start, from initial states of its own, err less on these data than means would."""
+        x0, data = self.settings.start.x0, self.data
+        if x0 is None or x0.shape != point.x0.shape:
+            return False
+        errors = np.diag(self.moments(replace(point, x0=x0)))
+        return bool(np.all(errors < data.n_samples * np.var(data.values[:, self.outputs], axis=0)))
 
     def _chunks(self, size: int = 1 << 15) -> Any:
         """Inputs and outputs piece by piece, with whether an experiment starts there."""

@@ -159,10 +159,10 @@ class StateSpace(ScaledEstimator):
 
         All refinements together take at most the work of 5 fits, where one fit is `fit` with the chosen order given and
         work the samples over which errors, and each of their derivatives, are run: the same on every machine. Where
-        drifts make poles outside the unit circle, so that an order is refined twice, it was up to 7 on one record of 8.
-        Orders that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and
-        runs over held-out data, by which a direct path and delays are settled too, come on top; of a few hundred
-        samples they take as long as a fit or two.
+        drifts make poles outside the unit circle, so that an order is refined twice, it was 5.2 to 6.5 on 5 of 40
+        records. Orders that would go beyond are not refined, and those that are not refined are not chosen. Subspace
+        models and runs over held-out data, by which a direct path and delays are settled too, come on top; of a few
+        hundred samples they take as long as a fit or two.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
