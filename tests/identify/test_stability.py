@@ -140,7 +140,9 @@ def test_a_free_run_fit_follows_its_own_training_data_or_says_so(order):
         model = StateSpace(order=order, focus="simulation").fit(data)
         error = model.simulate(data).error
     said = " ".join(model.fit_info.warnings)
-    assert np.sqrt(np.mean(error**2)) < 2 * np.std(data.y) or "astray" in said
+    unstable = "those of an unstable system" in said
+    assert np.sqrt(np.mean(error**2)) < 2 * np.std(data.y) or unstable
+    assert not unstable or abs(np.abs(model.poles).max() - 1.02689) < 1e-3  # as it was made
 
 
 def test_a_fit_that_only_its_initial_state_tames_is_made_again_with_its_poles_held():

@@ -93,6 +93,19 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/statespace_unstable.py",
+        "identify/linear/test_statespace_unstable.py",
+        [
+            (
+                "unstable systems: any pole outside the circle is one",
+                "gain > max(_SHARE * len(data.outputs), _SURE / data.n_samples)",
+                "True",
+            ),
+            ("unstable systems: compared with no stable model", "max_radius=1.0", "max_radius=None"),
+            ("unstable systems: a limit of the poles does not count", "settings.max_radius is not None", "False"),
+        ],
+    ),
+    *mistakes(
         "identify/networks/neural_statespace.py",
         "identify/networks/test_neural_statespace.py::test_training_starts_as_the_linear_state_space_of_the_same_order",
         [("linear start: the state instead of its change", "model.A - np.eye(self._n)", "model.A")],

@@ -17,10 +17,15 @@ from slipangle.identify.linear.colour import colour_said
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.identify.linear.orders import Chosen, choose
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.statespace_unstable import stable_by_free_runs
+from slipangle.identify.stability import noted
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.plausible import growth
 
 _APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
 _TRIED = 10  # orders that are fitted to all data where the better ones depend on each other
+_STATES = 4  # of a model one step ahead that is asked whether a system is unstable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +47,7 @@ class ARX(LinearEstimator[ARXModel]):
         Orders that are not given are chosen by free run over stretches held out in turn: up to 10 lags, delays of up to
         about 100 samples, 0 only where the data tell of it and the inputs do not answer the outputs, see
         `slipangle.identify.linear.delays.first_effects`; the model's ``fit_info.candidates`` are all that were
-        compared.
+        compared. Of an unstable system, held by a controller, free runs make a stable model, which is said.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
@@ -82,7 +87,11 @@ class ARX(LinearEstimator[ARXModel]):
                 continue
             info: Any = model.fit_info
             method, seconds = f"{choice.said(orders)}; {info.method}", time.perf_counter() - began
-            return replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
+            model = replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
+            if growth(model.poles, data.n_longest):
+                return model
+            asked = StateSpace(order=min(orders.na, _STATES), offsets="both" if self.offset else "none")
+            return noted(model, stable_by_free_runs(asked, data))
         raise refused or ParameterError("no orders were compared")
 
     def _remarks(self, model: ARXModel, data: Dataset) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from slipangle.identify.linear.order_search import (
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.predictor import Work
 from slipangle.identify.linear.scales import ScaledEstimator, Scales, weighed
+from slipangle.identify.linear.statespace_unstable import ahead_if_unstable
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
 from slipangle.identify.linear.waiting import said, settled, waiting
 from slipangle.identify.stability import breakdown_said, later, noted
@@ -48,7 +49,8 @@ class StateSpace(ScaledEstimator):
     state that was estimated along. Where it goes astray from the training data's first samples, the fit is made again
     with ``max_radius=1``, and says so. Where the order is open and a fit that is compared has a pole outside the unit
     circle, as drifts and offsets of the data make them, that order is refined with ``max_radius=1`` too, and that is
-    taken unless free runs over held-out data are worse by it.
+    taken unless free runs over held-out data are worse by it. Where no stable model predicts the data as well one step
+    ahead as an unstable one, beyond chance, that is returned, and said: free runs are no way to it.
 
     Parameters
     ----------
@@ -104,11 +106,11 @@ class StateSpace(ScaledEstimator):
             model = waiting(settings._scaled_fit(delayed(data, waits)), waits, data)
             return _told(model, said(bool(settings.direct), waits), began)
         if isinstance(self.order, int):
-            return self._usable(data, self.order)
+            return ahead_if_unstable(self, self._usable(data, self.order), data)
         choice, model = fitted(self, data, self._compared(data))
         model = noted(model, later(model.poles, data)) if self.focus == "simulation" else model
         model = noted(model, held_said(model, choice))
-        return _told(model, f"{choice.said}; ", began, candidates=choice.candidates)
+        return ahead_if_unstable(self, _told(model, f"{choice.said}; ", began, candidates=choice.candidates), data)
 
     @property
     def _orders(self) -> tuple[int, ...]:
