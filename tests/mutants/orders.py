@@ -102,7 +102,6 @@ MUTANTS = [
                 "True",
             ),
             ("unstable systems: compared with no stable model", "max_radius=1.0", "max_radius=None"),
-            ("unstable systems: a limit of the poles does not count", "settings.max_radius is not None", "False"),
         ],
     ),
     *mistakes(

@@ -64,7 +64,7 @@ def _left(model: StateSpaceModel, data: Dataset) -> float:
 
 def ahead_if_unstable(settings: Any, model: StateSpaceModel, data: Dataset) -> StateSpaceModel:
     """The fit of a `StateSpace` to free runs, or the one to errors one step ahead where the system is unstable."""
-    if settings.focus != "simulation" or settings.max_radius is not None or growth(model.poles, data.n_longest):
+    if settings.focus != "simulation" or growth(model.poles, data.n_longest):
         return model
     found = unstable_ahead(settings, data, model.order)
     if found is None:
