@@ -14,7 +14,7 @@ from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENG
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import USUAL, LapCar, forces, rates
 from slipangle.optimal.lap.course import course
-from slipangle.report.lap import remarks
+from slipangle.report.lap import lap_page, remarks
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -419,6 +419,8 @@ def test_a_lap_knows_how_fast_its_track_is_entered():
     assert slow.v_start == pytest.approx(3.0)
     assert free.v_start == pytest.approx(120.0, rel=1e-3)
     assert "entered at 11 km/h" in repr(slow)
+    words = re.sub(r"<[^>]+>", " ", lap_page(slow, "", "").to_html())
+    assert re.search(r"lowest speed\s+10\.8\d*\s+km/h", words)  # which it was entered at
     closed = lap_of_the_circuit()
     assert min(closed.v_x[[0, -1]]) - 0.1 <= closed.v_start <= max(closed.v_x[[0, -1]]) + 0.1
 
