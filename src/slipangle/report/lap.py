@@ -210,8 +210,8 @@ def lap_page(
         tone="poor" if faster else "fair" if std > VAGUE * lap.time else "good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),
-            Number(label="highest speed", value=factor * float(lap.v_x.max()), unit=unit, digits=4),
-            Number(label="lowest speed", value=factor * float(lap.v_x.min()), unit=unit, digits=4),
+            Number(label="highest speed", value=factor * max(float(lap.v_x.max()), lap.v_start), unit=unit, digits=4),
+            Number(label="lowest speed", value=factor * min(float(lap.v_x.min()), lap.v_start), unit=unit, digits=4),
         ),
         command=command,
     )

@@ -12,9 +12,9 @@ from slipangle.errors import ParameterError, SolverError
 from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENGER_TIRE
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.optimal.lap.car import LapCar, forces, rates
+from slipangle.optimal.lap.car import USUAL, LapCar, forces, rates
 from slipangle.optimal.lap.course import course
-from slipangle.report.lap import remarks
+from slipangle.report.lap import lap_page, remarks
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
@@ -325,6 +325,28 @@ def test_cars_without_limits_or_power_are_named():
     assert sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01), power=2e5).C_f == 8e4
 
 
+@pytest.mark.parametrize("power", [1.0, 90.0])
+def test_a_car_that_stands_still_is_named(power):
+    """90 kW given as 90: road and air take 0.015 * 11.8 kN and more, which is 90 W at half a metre a second."""
+    car = replace(RACER, power=power, rolling_resistance=0.015)
+    with pytest.raises(ParameterError, match=rf"power is {power:g} W .* take 1\d\d N: it stands still; .* in W"):
+        sa.fastest_lap(car, circuit(), points=60)
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 2.0])
+def test_what_nobody_says_of_a_car_goes_with_its_size(size):
+    """Froude: times go as the root of the length. A lorry is no wider than other cars."""
+    p = sa.SaturatingBicycleParams(
+        **dict(mass=1200 * size**3, inertia_z=1500 * size**5, wheelbase=USUAL * size, l_f=1.3 * size),
+        **dict(C_f=1.1e5 * size**3, C_r=1.3e5 * size**3, mu_f=1.0, mu_r=1.0),
+    )
+    car = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=9e4 * size**3.5)
+    assert car.width == pytest.approx(1.8 * min(size, 1.0))
+    assert (car.delta_rate, car.force_rate) == pytest.approx((size**-0.5, 8.0 * size**-0.5))
+    assert sa.lap_car(car, width=0.5).width == 0.5
+    assert sa.lap_car(car).delta_rate == car.delta_rate
+
+
 def test_what_a_fit_leaves_open_is_the_spread_of_laps_anew():
     """Cars drawn from the fit's covariance, each with a lap of its own; what is known otherwise does not count."""
     names, std = ("mu_f", "mu_r", "C_f"), np.array([0.03, 0.03, 4e3])
@@ -397,6 +419,8 @@ def test_a_lap_knows_how_fast_its_track_is_entered():
     assert slow.v_start == pytest.approx(3.0)
     assert free.v_start == pytest.approx(120.0, rel=1e-3)
     assert "entered at 11 km/h" in repr(slow)
+    words = re.sub(r"<[^>]+>", " ", lap_page(slow, "", "").to_html())
+    assert re.search(r"lowest speed\s+10\.8\d*\s+km/h", words)  # which it was entered at
     closed = lap_of_the_circuit()
     assert min(closed.v_x[[0, -1]]) - 0.1 <= closed.v_start <= max(closed.v_x[[0, -1]]) + 0.1
 

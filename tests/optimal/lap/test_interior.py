@@ -56,7 +56,7 @@ def problem(monkeypatch, track, **how):
     """The program in numbers of a short lap, and a place in it."""
     made = []
     monkeypatch.setattr(solvers, "Collocated", lambda *given: made.append(Collocated(*given)) or made[-1])
-    sa.fastest_lap(point_like(mu=1.3, power=1e5, drag=0.5), track, points=20, **how)
+    sa.fastest_lap(point_like(mu=1.3, power=1e5, drag=0.5), track, points=36, **how)
     rng = np.random.default_rng(1)
     program = made[0]
     w = 0.1 * rng.normal(size=program.size)

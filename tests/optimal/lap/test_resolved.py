@@ -120,8 +120,17 @@ def test_a_track_in_kilometres_is_named():
         sa.fastest_lap(RACER, small)
 
 
-@pytest.mark.parametrize(("radius", "within"), [(4.0, 6e-3), (9.0, 2e-3)])
+@pytest.mark.parametrize(("radius", "within"), [(4.0, 1e-3), (9.0, 1e-3)])
 def test_tight_hairpins_have_the_points_that_they_need(radius, within):
     lap = sa.fastest_lap(RACER, hairpins(radius))
     fine = sa.fastest_lap(RACER, hairpins(radius), points=4 * len(lap.s))
     assert lap.time == pytest.approx(fine.time, rel=within)
+
+
+def test_points_too_far_apart_for_a_bend_are_named():
+    """Hairpins of 9 m, half of 297 m a lap: 40 points are one every 7.4 m, 60 one every 5 m."""
+    track = hairpins(9.0)
+    said = r"40 points of 'path' are one every 7\.\d* m, .* radius of 8\.\d* m: .*360 points"
+    with pytest.warns(ModelWarning, match=said):
+        sa.fastest_lap(RACER, track, points=40)
+    sa.fastest_lap(RACER, track, points=60)

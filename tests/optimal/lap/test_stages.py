@@ -94,6 +94,16 @@ def test_box_qp_agrees_with_bounded_least_squares(seed):
     assert box_qp(sparse.csc_matrix(A.T @ A), -A.T @ b, low, high) == pytest.approx(wanted, abs=1e-5)
 
 
+def test_box_qp_of_a_problem_in_millimetres_is_that_in_metres():
+    """To what sums round off: where the search ends does not hang on the unit."""
+    rng = np.random.default_rng(7)
+    A, b = rng.normal(size=(30, 12)), rng.normal(size=30)
+    low, high = -rng.uniform(0.01, 0.3, 12), rng.uniform(0.01, 0.3, 12)
+    H, g = sparse.csc_matrix(A.T @ A), -A.T @ b
+    metres = box_qp(H, g, low, high)
+    assert 1e-3 * box_qp(H / 1e6, g / 1e3, 1e3 * low, 1e3 * high) == pytest.approx(metres, rel=1e-12)
+
+
 def test_differences_are_exact_for_parabolas_on_uneven_steps():
     s = np.array([0.0, 1.0, 1.5, 3.0, 4.2, 5.0])
     D1, D2 = differences(np.diff(s), closed=False)

@@ -14,7 +14,7 @@ from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
 from slipangle.models.vehicles.on_tires import axle_force, axle_stiffness, peak_friction, wheel_loads
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
-from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.car import USUAL, LapCar
 
 _HIGH, _LOW = 1.3, 0.7  # loads over the static one, between which a tire's load sensitivity is taken
 _ANGLES = np.radians(np.linspace(0.5, 14.0, 28))
@@ -30,7 +30,8 @@ def lap_car(car: Any, **values: float) -> LapCar:
         tires become axles of the same stiffness, peak friction, shape and load sensitivity, which share force evenly as
         its brakes do, and its engine the largest power and force over all gears.
     **values : float
-        Parameters of `LapCar` by their names, which the model does not know or which are to differ.
+        Parameters of `LapCar` by their names, which the model does not know or which are to differ. Width and rates of
+        steering and force that nobody says go with the wheelbase: a 1:10 car is 18 cm wide.
 
     Raises
     ------
@@ -62,7 +63,9 @@ def lap_car(car: Any, **values: float) -> LapCar:
             "the car's power is not known; expected it in W: sa.lap_car(model, power=2e5), or slipangle lap with "
             "--set power=2e5"
         )
-    return LapCar(**known)
+    size = known["wheelbase"] / USUAL
+    usual = {"width": 1.8 * min(size, 1.0), "delta_rate": 1.0 / size**0.5, "force_rate": 8.0 / size**0.5}
+    return LapCar(**{**usual, **known})
 
 
 @singledispatch

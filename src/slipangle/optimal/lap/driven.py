@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,13 +22,15 @@ _ELSEWHERE = 0.2  # of the places of a log so far off, from which on they are ta
 _FAR = 30.0  # m from the track's line, where a log is one of another place
 _WIDE, _WIDE_SHARE = 10.0, 0.03  # m, and of a lap, that no car is beside a line without edges as a whole
 _RISE = 3.0  # m/s, by which the speed of a car of usual size rises before and after a place that ends a sector
-_STEP = 1.0  # m, between the places of a driven lap
+_STEP, _PLACES = 1.0, 400  # m, between the places of a driven lap, and how many there are at least
+# Of a speed by places: its noise [-]; time [s], and share of the track, that it is told in.
+_ROUGH, _APART, _LOCAL = 0.04, 0.5, 0.06
 _EARTH = {"latitude": r"(gps[ _.]?)?lat(itude)?", "longitude": r"(gps[ _.]?)?(lon(g(itude)?)?|lng)"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenLap(Shown):
-    """A lap of a log on a track; arrays have shape (n,), one value a metre.
+    """A lap of a log on a track; arrays have shape (n,), one value a metre, or 401 where that is more.
 
     Parameters
     ----------
@@ -38,7 +41,7 @@ class DrivenLap(Shown):
     s, t, n : array
         Arc length of the track's line, time since the start line, offset to the left. [m, s, m]
     v_x : array
-        Speed as logged, or that of the position where no speed is. [m/s]
+        Speed as logged, or where no speed is that of the position, smoothed by as much as it is noisy. [m/s]
     X, Y : array
         Place. [m]
     track : Path
@@ -239,7 +242,7 @@ def _instead(data: Dataset, track: Path) -> str:
 def _laps_of(part: Dataset, feet: np.ndarray, track: Path, start: float, before: int) -> list[DrivenLap]:
     """The complete laps of one experiment, from its places beside the track; ``before`` were found already."""
     X, Y, t = part["X"], part["Y"], part.dt * np.arange(part.n_samples)
-    v_x = part["v_x"] if "v_x" in part else np.hypot(np.gradient(X, part.dt), np.gradient(Y, part.dt))
+    v_x = part["v_x"] if "v_x" in part else _speed(np.column_stack([X, Y]), part.dt, _LOCAL * track.length)
     beside = np.abs(feet[:, 1]) <= _FAR
     if not beside.any():
         return []
@@ -256,6 +259,26 @@ def _laps_of(part: Dataset, feet: np.ndarray, track: Path, start: float, before:
     return found
 
 
+def _speed(places: np.ndarray, dt: float, longest: float) -> np.ndarray:
+    """Speed of places [m], shape (n, 2), by local parabolas [1]_ over as many samples as their noise asks for. [m/s]
+
+    White noise is what fifth differences hold, 252 times its variance; the speed of a parabola through n samples takes
+    12 / n^3 of that. Its way is no longer than ``longest``. [m]
+
+    .. [1] A. Savitzky, M. J. E. Golay, Smoothing and differentiation of data by simplified least squares procedures,
+       Analytical Chemistry 36, 1964.
+    """
+    count, apart = 0, max(round(_APART / dt), 1)
+    if len(places) > max(apart, 5):
+        noise = np.sqrt(np.mean(np.diff(places, 5, axis=0) ** 2) / 252)
+        way = float(np.median(np.hypot(*(places[apart:] - places[:-apart]).T))) / apart  # in a sample
+        wanted = np.cbrt(12.0 * (noise / (_ROUGH * max(way, 1e-9))) ** 2)
+        count = min(math.ceil(min(wanted, longest / max(way, 1e-9))), len(places)) // 2 * 2 - 1
+    if count < 5:
+        return np.hypot(*np.gradient(places, dt, axis=0).T)
+    return np.hypot(*scipy.signal.savgol_filter(places, count, 2, deriv=1, delta=dt, axis=0).T)
+
+
 def _cut(
     place: np.ndarray, t: np.ndarray, columns: np.ndarray, begin: float, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -270,7 +293,7 @@ def _cut(
         return None
     forward = np.maximum.accumulate(here)
     keep = np.concatenate([[True], np.diff(forward) > 0])
-    at = np.linspace(begin, end, max(round((end - begin) / _STEP), 2) + 1)
+    at = np.linspace(begin, end, max(round((end - begin) / _STEP), _PLACES) + 1)
     times = np.interp(at, forward[keep], t[rows][keep])
     rest = np.column_stack([np.interp(at, forward[keep], column) for column in columns[rows][keep].T])
     return at - begin, times, rest

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.errors import ParameterError, SolverError, require_known, shown
+from slipangle.errors import ModelWarning, ParameterError, SolverError, require_known, shown
 from slipangle.optimal.checks import is_number
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import lap_car
@@ -26,11 +27,10 @@ from slipangle.paths.path import Path
 
 _SPACING = 5.0  # m, between points, by default, for a car of usual size
 _FASTEST = 120.0  # m/s, up to which a car of usual size is taken to be quasi-steady
-_FEWEST, _MOST = 120, 6000  # points
-_OF_RADIUS, _FINEST = (
-    0.66,
-    0.25,
-)  # of the tightest radius, that is the spacing where less; no less than this share of it
+_FEWEST, _MOST = 360, 6000  # points
+# Of the tightest radius, that is the spacing where less; no less than this share of the usual one.
+_OF_RADIUS, _FINEST = 0.3, 0.25
+_COARSE = 0.6  # of the tightest radius, a spacing from which on a lap may be off by a percent and more
 _SHORTEST = 10.0, 2.0  # wheelbases, of a closed and an open track
 _TOLERANCE = 0.05  # m, of a given line, for a car of usual size and larger ones
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
@@ -71,8 +71,9 @@ def fastest_lap(
         Whether the line is found too, or the track's own line is driven, to within 5 cm, of a small car as goes with
         its size.
     points : int, optional
-        Collocation points, by default one every 1.94 wheelbases, 5 m for a full car, or every 0.66 of the tightest
-        radius where that is less, and 120 at least. They are denser where the car is slow.
+        Collocation points, by default one every 1.94 wheelbases, 5 m for a full car, or every 0.3 of the tightest
+        radius where that is less, and 360 at least. They are denser where the car is slow. Farther apart than 0.6 of
+        the tightest radius they are warned of.
     smoothness : float
         Weight of yaw acceleration and rates. A lap of a race track at 0.3, the default, is 0.1 % slower than at 0.1,
         and one at 1, for a lap that is to be driven, 0.2 to 0.3 %; near 0 the optimum is no longer well defined. [-]
@@ -109,13 +110,14 @@ def fastest_lap(
     _check(track, line, points, smoothness, margin, v_max, v_start, like, tolerance, iterations)
     _require_length(track, vehicle)
     require_resolved(track, vehicle.size)
-    count = _usual_points(track, _SPACING * vehicle.size) if points is None else points
+    count = _points(track, _SPACING * vehicle.size, points)
     room = 0.5 * vehicle.width + margin
     edges: dict[str, Any] = {
         "room": room,
         "tolerance": _TOLERANCE * min(vehicle.size, 1.0) if line == "given" else None,
     }
     steady = envelope(vehicle, min(v_max, _FASTEST * vehicle.size**0.5))
+    _require_drive(track, vehicle, steady)
     ends = _ends(track, count // 2, edges, steady, v_start) if like is None else like.ends
     along = course(track, ends, **edges)
     line_of, bend, v = _quasi_steady(along, steady, v_start)
@@ -222,13 +224,32 @@ def _check(
         raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
 
 
-def _usual_points(track: Path, spacing: float) -> int:
-    """As many as a spacing makes [m], or a closer one where the tightest bend, over a spacing's length, asks for it."""
+def _points(track: Path, spacing: float, given: int | None) -> int:
+    """Points as given, else one every ``spacing`` [m] or closer, as the tightest bend over that length asks for."""
     s = np.arange(0.0, track.length, 0.25 * spacing)
     turned = np.abs(track.at(s + 0.5 * spacing).psi - track.at(s - 0.5 * spacing).psi)
     radius = spacing / max(float(turned.max()), 1e-9)
     close = min(spacing, max(_OF_RADIUS * radius, _FINEST * spacing))
-    return min(max(math.ceil(track.length / close), _FEWEST), _MOST)
+    usual = min(max(math.ceil(track.length / close), _FEWEST), _MOST)
+    if given is not None and track.length > given * max(_COARSE * radius, _COARSE / _OF_RADIUS * _FINEST * spacing):
+        warnings.warn(
+            f"{given} points of '{track.name}' are one every {track.length / given:.3g} m, and its tightest bend has a "
+            f"radius of {radius:.3g} m: the lap time may be off by percents; expected {usual} points, the default",
+            ModelWarning,
+            stacklevel=3,
+        )
+    return usual if given is None else given
+
+
+def _require_drive(track: Path, car: LapCar, steady: Envelope) -> None:
+    """Raise ParameterError if the car stands still on a closed track: its power is less than resistances take."""
+    slow, pull = float(steady.v[0]), float(steady.drive[0, 0])
+    if track.closed and pull <= 0.0:
+        raise ParameterError(
+            f"the car's power is {car.power:.3g} W and its drive_force {car.drive_force:.3g} N, and at {slow:.2g} m/s "
+            f"air and road take {float(car.resistance(slow)):.3g} N: it stands still; expected more power, in W: "
+            "check its unit"
+        )
 
 
 def _require_length(track: Path, car: LapCar) -> None:

@@ -106,6 +106,8 @@ def box_qp(H: sparse.csc_matrix, g: np.ndarray, low: np.ndarray, high: np.ndarra
 
     ``H`` is positive definite and sparse. The bounds are kept strictly.
     """
+    unit = float(np.mean(high - low))  # of x: where the search ends does not hang on what x is counted in
+    H, g, low, high = unit * unit * H, unit * g, low / unit, high / unit
     x = 0.5 * (low + high)
     size = max(float(np.abs(g).max()), float(abs(H).max()), 1e-300)
     H, g = H / size, g / size
@@ -126,7 +128,7 @@ def box_qp(H: sparse.csc_matrix, g: np.ndarray, low: np.ndarray, high: np.ndarra
         dx, da, db = _newton(solve, residual, (s, t, a, b), (mu * (after / mu) ** 3, dx * da, -dx * db))
         k = 0.995 * min(_reach(s, dx), _reach(t, -dx), _reach(a, da), _reach(b, db))
         x, a, b = x + k * dx, a + k * da, b + k * db
-    return np.clip(x, low + 1e-9 * room, high - 1e-9 * room)
+    return unit * np.clip(x, low + 1e-9 * room, high - 1e-9 * room)
 
 
 def _newton(
