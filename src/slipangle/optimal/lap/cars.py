@@ -31,7 +31,7 @@ def lap_car(car: Any, **values: float) -> LapCar:
         its brakes do, and its engine the largest power and force over all gears.
     **values : float
         Parameters of `LapCar` by their names, which the model does not know or which are to differ. Width and rates of
-        steering and force that nobody says go with the wheelbase: a 1:10 car is 18 cm wide.
+        steering and force that nobody says go with the wheelbase: a 1:10 car is 18 cm wide, none more than 1.8 m.
 
     Raises
     ------
