@@ -87,9 +87,13 @@ def test_steps_that_contract_slowly_hand_over_long_before_their_limit():
 
 @needs_compiler
 def test_the_last_steps_stay_at_the_optimum_that_gauss_newton_came_to():
-    """From the same start the exact Hessian's own steps lead to one that is dearer by an eighth."""
-    settings = {"horizon": 80, "terms": {"far": lambda x, u, p: 4.0 + sin(3.0 * x[0])}}
-    x = np.array([1.2, -0.5])
+    """From the same start the exact Hessian's own steps lead to one that is dearer by a sixth.
+
+    It hands over after 108 to 128 of 300 steps, as the compiler rounds: from a start that took it all but 300 it went
+    to the dearer one on one processor.
+    """
+    settings = {"horizon": 70, "terms": {"far": lambda x, u, p: 4.0 + sin(3.0 * x[0])}}
+    x = np.array([1.0, -0.5])
     plan, pure, exact = (
         reaching(solver=s, **settings).plan(x) for s in (AUTO, PURE, RealTime(iterations=0, hessian="exact"))
     )

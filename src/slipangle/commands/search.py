@@ -133,11 +133,11 @@ class _Written:
 
     def __call__(self, result: SearchResult) -> None:
         """Write it with the trials so far."""
-        done, now = len(result.trials), time.monotonic()
-        if done >= self._options.trials or now - self._last < _EVERY or all(t.failure for t in result.trials):
+        done, waited = len(result.trials), time.monotonic() - self._last
+        if done >= self._options.trials or waited < _EVERY or all(t.failure for t in result.trials):
             return
-        self._last = now
         _page(result, self._options, self._name, done=done)
+        self._last = time.monotonic()
 
 
 def _page(
