@@ -98,7 +98,7 @@ MUTANTS = [
         [
             (
                 "unstable systems: any pole outside the circle is one",
-                "gain > max(_SHARE * len(data.outputs), _SURE / data.n_samples)",
+                "data.n_samples * gain > _SURE",
                 "True",
             ),
             ("unstable systems: compared with no stable model", "max_radius=1.0", "max_radius=None"),

@@ -46,6 +46,21 @@ def test_what_only_its_controller_holds_is_found_unstable(settings, pole, noise)
     assert np.abs(np.abs(model.poles) - SECOND).min() < 0.05
 
 
+def test_it_does_not_hang_on_the_rate_of_the_log():
+    """An instability of 1 per s at 1 kHz, of which a sample shows next to nothing."""
+    rng, dt, x, rows = np.random.default_rng(3), 0.001, 0.0, []
+    for k in range(20_000):
+        wanted = rng.normal() if k % 400 == 0 else rows[-1][2]
+        y = x + 0.01 * rng.normal()
+        u = wanted - 2.0 * y
+        rows.append((u, y, wanted))
+        x += dt * (x + u)
+    table = np.array(rows)
+    model, said = fitted(sa.StateSpace(order=1), Dataset.from_arrays({"u": table[:, 0]}, {"y": table[:, 1]}, dt))
+    assert said
+    assert np.log(np.abs(model.poles).max()) / dt == pytest.approx(1.0, abs=0.02)
+
+
 @pytest.mark.parametrize(("pole", "noise"), [(1.02, 0.001), (1.02, 0.05), (1.15, 0.05)])
 def test_arx_of_chosen_orders_says_so(pole, noise):
     """With orders that are given it is fitted one step ahead, and unstable by itself."""

@@ -14,9 +14,10 @@ from slipangle.identify.stability import breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.plausible import growth
 
-_SURE = 50.0  # twice the logarithm of the likelihood by which a model without a limit on its poles must be better, and
-_SHARE = 0.05  # the same of each sample and output: ramps and random walks that mean no instability reach a little less
-_CLEAR = 1.001  # pole of a subspace model, from which on it is looked at more closely
+# Twice the logarithm of the likelihood by which a model without a limit on its poles must be better. Ramps, random
+# walks and growing disturbances, which mean no instability, reach 40, however many samples there are.
+_SURE = 100.0
+_GROWN = 0.7  # e-foldings over the longest experiment, from which on a subspace model is looked at more closely
 _SAID = (
     "one step ahead the data are those of an unstable system, by a pole of modulus {size:.4g}; free runs over such "
     "data, held by a controller or not, end at a stable model that is none of it"
@@ -34,7 +35,8 @@ def unstable_ahead(settings: Any, data: Dataset, order: int) -> StateSpaceModel 
     ahead = replace(settings, focus="prediction", order=order)
     try:
         with breakdown_said("the state space", data):
-            if modulus(ahead._subspace(order)._fit(data).A) <= _CLEAR:
+            size = modulus(ahead._subspace(order)._fit(data).A)
+            if not data.n_longest * np.log(max(size, 1.0)) > _GROWN:
                 return None
             free = ahead._of_order(data, order)
             if not growth(free.poles, data.n_longest):
@@ -43,7 +45,7 @@ def unstable_ahead(settings: Any, data: Dataset, order: int) -> StateSpaceModel 
             gain = _left(held, data) - _left(free, data)
     except SlipangleError:
         return None
-    return free if gain > max(_SHARE * len(data.outputs), _SURE / data.n_samples) else None
+    return free if data.n_samples * gain > _SURE else None
 
 
 def stable_by_free_runs(settings: Any, data: Dataset) -> str:
