@@ -161,6 +161,7 @@ def test_inside_a_driver_or_beside_another_they_are_recorded_so_too(around, monk
     assert "at most 77 Gauss-Newton steps" in made.about
 
 
+@needs_compiler
 def test_a_first_call_without_a_state_is_the_stop_law():
     mpc = controller(5, safe=sa.Values(delta=0.1))
     reference = mpc.reference(sa.double_lane_change(20.0).ahead(0.0, mpc.times))

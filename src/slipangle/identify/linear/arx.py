@@ -21,11 +21,10 @@ from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.statespace_unstable import stable_by_free_runs
 from slipangle.identify.stability import noted
 from slipangle.models.black_box.arx import ARXModel
-from slipangle.models.plausible import growth
 
 _APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
 _TRIED = 10  # orders that are fitted to all data where the better ones depend on each other
-_STATES = 4  # of a model one step ahead that is asked whether a system is unstable
+_STATES = 4  # of a model one step ahead that is asked whether a system is unstable: too few hang on rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,10 +87,8 @@ class ARX(LinearEstimator[ARXModel]):
             info: Any = model.fit_info
             method, seconds = f"{choice.said(orders)}; {info.method}", time.perf_counter() - began
             model = replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
-            if growth(model.poles, data.n_longest):
-                return model
-            asked = StateSpace(order=min(orders.na, _STATES), offsets="both" if self.offset else "none")
-            return noted(model, stable_by_free_runs(asked, data))
+            asked = StateSpace(order=_STATES, offsets="both" if self.offset else "none")
+            return noted(model, stable_by_free_runs(asked, model, data))
         raise refused or ParameterError("no orders were compared")
 
     def _remarks(self, model: ARXModel, data: Dataset) -> tuple[str, ...]:

@@ -48,12 +48,13 @@ def unstable_ahead(settings: Any, data: Dataset, order: int) -> StateSpaceModel 
     return free if data.n_samples * gain > _SURE else None
 
 
-def stable_by_free_runs(settings: Any, data: Dataset) -> str:
-    """Sentence where orders were chosen by free runs over data of an unstable system; else empty.
+def stable_by_free_runs(settings: Any, model: Any, data: Dataset) -> str:
+    """Sentence where a stable model's orders were chosen by free runs over data of an unstable system; else empty.
 
     ``settings`` are a `StateSpace` of one order, by which the data are asked.
     """
-    found = unstable_ahead(settings, data, settings.order)
+    stable = not growth(model.poles, data.n_longest)
+    found = unstable_ahead(settings, data, settings.order) if stable else None
     return "" if found is None else _CHOSEN.format(size=modulus(found.A))
 
 
@@ -71,5 +72,6 @@ def ahead_if_unstable(settings: Any, model: StateSpaceModel, data: Dataset) -> S
     found = unstable_ahead(settings, data, model.order)
     if found is None:
         return model
-    ahead = replace(settings, focus="prediction")._scaled_fit(data)
+    given = isinstance(settings.order, int)
+    ahead = found if given else replace(settings, focus="prediction")._scaled_fit(data)
     return noted(ahead, _TAKEN.format(size=modulus(found.A)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
@@ -14,7 +15,7 @@ from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
 from slipangle.models.vehicles.on_tires import axle_force, axle_stiffness, peak_friction, wheel_loads
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
-from slipangle.optimal.lap.car import USUAL, LapCar
+from slipangle.optimal.lap.car import LapCar
 
 _HIGH, _LOW = 1.3, 0.7  # loads over the static one, between which a tire's load sensitivity is taken
 _ANGLES = np.radians(np.linspace(0.5, 14.0, 28))
@@ -63,9 +64,9 @@ def lap_car(car: Any, **values: float) -> LapCar:
             "the car's power is not known; expected it in W: sa.lap_car(model, power=2e5), or slipangle lap with "
             "--set power=2e5"
         )
-    size = known["wheelbase"] / USUAL
-    usual = {"width": 1.8 * min(size, 1.0), "delta_rate": 1.0 / size**0.5, "force_rate": 8.0 / size**0.5}
-    return LapCar(**{**usual, **known})
+    made = LapCar(**known)
+    factors = {"width": min(made.size, 1.0), "delta_rate": made.size**-0.5, "force_rate": made.size**-0.5}
+    return replace(made, **{n: factor * getattr(made, n) for n, factor in factors.items() if n not in known})
 
 
 @singledispatch

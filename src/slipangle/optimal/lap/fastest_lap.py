@@ -30,7 +30,7 @@ _FASTEST = 120.0  # m/s, up to which a car of usual size is taken to be quasi-st
 _FEWEST, _MOST = 360, 6000  # points
 # Of the tightest radius, that is the spacing where less; no less than this share of the usual one.
 _OF_RADIUS, _FINEST = 0.3, 0.25
-_COARSE = 0.6  # of the tightest radius, a spacing from which on a lap may be off by a percent and more
+_COARSE = 2.0  # times as far apart, a lap may be off by a percent and more
 _SHORTEST = 10.0, 2.0  # wheelbases, of a closed and an open track
 _TOLERANCE = 0.05  # m, of a given line, for a car of usual size and larger ones
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
@@ -229,9 +229,9 @@ def _points(track: Path, spacing: float, given: int | None) -> int:
     s = np.arange(0.0, track.length, 0.25 * spacing)
     turned = np.abs(track.at(s + 0.5 * spacing).psi - track.at(s - 0.5 * spacing).psi)
     radius = spacing / max(float(turned.max()), 1e-9)
-    close = min(spacing, max(_OF_RADIUS * radius, _FINEST * spacing))
-    usual = min(max(math.ceil(track.length / close), _FEWEST), _MOST)
-    if given is not None and track.length > given * max(_COARSE * radius, _COARSE / _OF_RADIUS * _FINEST * spacing):
+    close = max(_OF_RADIUS * radius, _FINEST * spacing)
+    usual = min(max(math.ceil(track.length / min(spacing, close)), _FEWEST), _MOST)
+    if given is not None and track.length > given * _COARSE * close:
         warnings.warn(
             f"{given} points of '{track.name}' are one every {track.length / given:.3g} m, and its tightest bend has a "
             f"radius of {radius:.3g} m: the lap time may be off by percents; expected {usual} points, the default",
