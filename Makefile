@@ -1,7 +1,7 @@
 # make demo            the main job on a built-in car: log, models, verdict, controller, page
 # make test            lint, types and tests
 # make test-all        the slow checks too
-# make test-machines   everything that fits, as other machines compute it; COMMIT=hash: as one, which the hash chooses
+# make test-machines   everything that fits, as other machines compute it; COMMIT=hash: one and a third of its tests
 # make test-lowest     the tests with the lowest versions that pyproject.toml allows, extras too, on Python 3.11
 # make test-export     exported C on every compiler and machine that is installed (docs/export.md names the packages)
 # make docs            the documentation as a site, build/docs/html: anything doubtful and any broken link fails

@@ -17,11 +17,11 @@ from slipangle.data.public import registry  # noqa: E402
 from slipangle.optimal.ipopt import Ipopt  # noqa: E402
 from slipangle.optimal.realtime import RealTime, backend  # noqa: E402
 
-# Half of an everyday run was the C compiler's, and most of that its optimiser's. Tests in these folders ask what a plan
-# or an estimate is, not how optimised code computes it: their libraries are compiled without, in a quarter of the time.
-# That optimised code says the same is asked by all others (of the solver itself in optimal/realtime, of models, runs,
-# jobs, exported code), and under `make test-all` by these as well.
-_PLAIN = ("optimal", "control", "estimate", "optimal/realtime/test_repeated_steps.py")
+# Half of an everyday run was the C compiler's, and most of that its optimiser's. Tests in these folders ask what a
+# plan, an estimate or a model is, not how optimised code computes it: their libraries are compiled without, in a
+# quarter of the time. That optimised code says the same is asked by all others (of the solver itself in
+# optimal/realtime, of fits, jobs and exported code, which run so long that it pays), and by `make test-all` of all.
+_PLAIN = ("optimal", "control", "estimate", "models", "simulate", "optimal/realtime/test_repeated_steps.py")
 _OPTIMISED = ("optimal/realtime", "optimal/lap", "optimal/test_published.py")
 _LEVELS = compiler.NATIVE, compiler.PORTABLE
 

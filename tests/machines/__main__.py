@@ -14,6 +14,7 @@ import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from slipangle.errors import MissingFileError
@@ -22,6 +23,7 @@ from tests.machines.registry import Errors, Fit, load
 
 MOST = {"train": 1.0, "validation": 3.0}  # percent
 _MARK, _ABSENT = "machines:", "absent:"
+_SHARES = 3  # of the tests, of which a hash chooses one: without a compiler all take longer than the rest of CI
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.machines", description=__doc__)
     parser.add_argument("--only", default="*", help="fits whose name matches, such as '*NARX*'")
     parser.add_argument("--combos", type=int, help="only the first N combinations")
-    parser.add_argument("--one", metavar="HASH", help="one combination, chosen by these hexadecimal digits")
+    parser.add_argument("--one", metavar="HASH", help="one combination, and a third of the tests, by these digits")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
     parser.add_argument("--tests", action="store_true", help="also the fast tests of everything that fits")
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds for one process")
@@ -46,7 +48,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"not on this processor: {combination}")
     wrong = _matrix({n: fits[n] for n in names}, [Combination(), *combinations], given.jobs, given.limit)
     if given.tests:
-        wrong += [f"tests under {c}" for c in combinations if _tests(c, given.jobs, given.limit)]
+        files = share(given.one)
+        wrong += [f"tests under {c}" for c in combinations if _tests(c, given.jobs, given.limit, files)]
     print("\n".join(["", *(f"FAILED: {line}" for line in wrong)]) if wrong else "\nthe same on every machine")
     return int(bool(wrong))
 
@@ -58,6 +61,13 @@ def chosen(one: str | None, count: int | None) -> tuple[list[Combination], list[
     if one is not None:
         return [here[int(one[:12], 16) % len(here)]], []
     return here[:count], [c for c in everything if not c.possible()]
+
+
+def share(one: str | None) -> list[str]:
+    """Test files of everything that fits, of which ``one``, the hexadecimal digits of a commit, chooses every third."""
+    folders = (Path(name) for name in ("tests/identify", "tests/reproduce"))
+    files = sorted(str(path) for folder in folders for path in folder.rglob("test_*.py"))
+    return files if one is None else files[int(one[-12:], 16) % _SHARES :: _SHARES]
 
 
 def _pattern(text: str) -> str:
@@ -144,10 +154,10 @@ def _run(name: str, combination: Combination, limit: float) -> Errors | str | No
     return json.loads(lines[-1].removeprefix(_MARK))
 
 
-def _tests(combination: Combination, jobs: int, limit: float) -> int:
-    """The fast tests of all that fits on one machine, so many at a time; pytest's exit code, or 1 after ``limit`` s."""
+def _tests(combination: Combination, jobs: int, limit: float, files: list[str]) -> int:
+    """The fast tests in these files on one machine, so many at a time; pytest's exit code, or 1 after ``limit`` s."""
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-n", str(jobs)]
-    command += ["tests/identify", "tests/reproduce", "--durations=10"]
+    command += [*files, "--durations=10"]
     pipe: Any = {"stdout": subprocess.PIPE, "text": True, "start_new_session": True}
     with subprocess.Popen(command, env=combination.environment(), **pipe) as process:
         try:

@@ -38,6 +38,12 @@ def test_one_is_chosen_by_the_hash_alone():
     assert len({str(machines.chosen(f"{k:x}", None)[0][0]) for k in range(40)}) > 5
 
 
+def test_three_commits_in_a_row_of_hashes_choose_every_test_once():
+    chosen = [machines.share(f"a{k:039x}") for k in range(3)]
+    assert sorted(file for files in chosen for file in files) == machines.share(None)
+    assert len(machines.share(None)) > 50
+
+
 def test_differences_and_broken_bounds_are_noticed(monkeypatch, capsys):
     answers = iter([{"train": 1.0, "validation": 1.0}, {"train": 1.02, "validation": 1.02}])
     monkeypatch.setattr(machines, "_run", lambda *_: {**next(answers), "seconds": 0.0})
@@ -59,8 +65,8 @@ def test_tests_that_do_not_end_are_a_failure(monkeypatch, capsys):
         def environment(self):
             return {**super().environment(), "PYTEST_ADDOPTS": "--help-me"}
 
-    assert machines._tests(Wrong("Zen"), 1, 60.0) != 0  # an option that pytest does not know
-    assert machines._tests(Combination("Zen", c="none", xla="AVX2"), 1, 0.5) == 1
+    assert machines._tests(Wrong("Zen"), 1, 60.0, machines.share(None)) != 0  # an option that pytest does not know
+    assert machines._tests(Combination("Zen", c="none", xla="AVX2"), 1, 0.5, machines.share(None)) == 1
     assert "not done after 0.5 s" in capsys.readouterr().out
 
 
