@@ -227,6 +227,7 @@ WARNS = {
         ),
     ),
     "paths/track_columns.py": (1, ("which is left out: tracks here are flat",)),
+    "optimal/lap/cars.py": (1, ("does not say all that a lap hangs on",)),
     "optimal/lap/fastest_lap.py": (1, ("the lap time may be off by percents",)),
     "optimal/lap/resolved.py": (2, ("turns to and fro by", "goes along itself again")),
     "identify/tires/curves.py": (1, ("the data do not determine", "the fit stopped at its budget")),

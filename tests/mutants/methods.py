@@ -1001,6 +1001,22 @@ MUTANTS = [
         [("lap: edges count at the points alone", "least[worst <= enough] = np.inf", "least[:] = np.inf")],
     ),
     *mistakes(
+        "optimal/lap/course.py",
+        "optimal/lap/test_fastest_lap.py::test_widths_in_another_unit_are_named",
+        [("lap: any width is taken for one in m", "if width > most:", "if width > 1e9 * most:")],
+    ),
+    *mistakes(
+        "optimal/lap/cars.py",
+        "optimal/lap/test_fastest_lap.py::test_what_nobody_says_of_a_car_goes_with_its_size",
+        [
+            (
+                "lap car: what is supposed is not said",
+                "for name, words in _SUPPOSED.items() if name not in known",
+                "for name, words in _SUPPOSED.items() if name not in {*known, *_SUPPOSED}",
+            )
+        ],
+    ),
+    *mistakes(
         "paths/centreline.py",
         MEASURES,
         [

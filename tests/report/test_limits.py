@@ -1,7 +1,5 @@
 """g-g diagrams and tire forces against Newton, Euler and the friction of the axles."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -34,7 +32,8 @@ def only(data, *names):
 
 
 def test_the_limits_are_the_friction_of_the_axles():
-    car = replace(sa.lap_car(CAR_AT_LIMIT, power=1e7), drive_rear=1.0, brake_rear=0.4)
+    plain = {"drag": 0.0, "drive_rear": 1.0, "transfer_x": 0.0, "transfer_f": 0.0}
+    car = sa.lap_car(CAR_AT_LIMIT, power=1e7, brake_rear=0.4, **plain)
     found = sa.gg_diagram(car=car, v_x=[20.0])
     edge = found.limits[0]
     assert edge[0] == pytest.approx(edge[-1])

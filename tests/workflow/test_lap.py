@@ -35,8 +35,9 @@ def test_the_command_writes_a_page_and_the_lap(files, capsys):
     assert main(["lap", job, track, "--set", "power=1.5e5", "--points", "60", "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["sensitivities"]["power"] < 0
+    assert "taken were no drag (drag=0 kg/m), driven rear wheels" in said["supposed"]
     page = (out / "index.html").read_text()
-    for words in ("The line, by speed", "g-g diagram", "What one percent more is worth"):
+    for words in ("The line, by speed", "g-g diagram", "What one percent more is worth", "taken were no drag"):
         assert words in page
     head, *rows = (out / "lap.csv").read_text().splitlines()
     assert len(rows) == 60

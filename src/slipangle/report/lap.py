@@ -195,14 +195,15 @@ def lap_page(
     delta: LapDelta | None = None,
     more: tuple[Section, ...] = (),
     std: float = math.nan,
+    supposed: str = "",
 ) -> Page:
     """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth.
 
     With a driven lap also where it loses time; ``more`` are sections behind, ``std`` is how uncertain the car makes the
-    lap time, see `Lap.time_std`. [s]
+    lap time, see `Lap.time_std` [s], and ``supposed`` what nobody said of the car, see `slipangle.optimal.lap.cars`.
     """
     factor, unit = read_in("v_x", "m/s")
-    faster, said = "" if delta is None else beaten(delta), remarks(lap, std)
+    faster, said = "" if delta is None else beaten(delta), remarks(lap, std, supposed)
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
@@ -241,10 +242,11 @@ def open_said(lap: Lap, std: float) -> str:
     return f" By what the log leaves open of the car, the time is ±{quantile(0.95) * std:.2g} s (95 %){vague}."
 
 
-def remarks(lap: Lap, std: float = math.nan) -> str:
-    """Sentences on how far the log leaves the time open, how an open track is entered, and what smoothness costs."""
+def remarks(lap: Lap, std: float = math.nan, supposed: str = "") -> str:
+    """Sentences on how far the log leaves the time open, what of the car nobody said, the start, and smoothness."""
     entered = "" if lap.track.closed else f" The track is open, and entered at {speed_said(lap.v_start)}."
-    return open_said(lap, std) + entered + _calm_said(lap)
+    beside = f" {supposed[0].upper()}{supposed[1:]}." if supposed else ""
+    return open_said(lap, std) + beside + entered + _calm_said(lap)
 
 
 def _calm_said(lap: Lap) -> str:

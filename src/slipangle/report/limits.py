@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ParameterError
 from slipangle.optimal.lap.car import LapCar, forces
-from slipangle.optimal.lap.cars import lap_car
+from slipangle.optimal.lap.cars import grip_of
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.report.style import (
     BLUE,
@@ -33,7 +33,6 @@ from slipangle.report.style import (
 from slipangle.report.tables import Heading, Row, Table
 from slipangle.units import speed_said
 
-_ANY_POWER = 1e7  # W, of a car whose engine nobody knows: its tires alone bound it then
 _NO_LOG = "the log is a", "it comes before the car; of a car alone say sa.gg_diagram(car=car)"
 _SLOWEST = 3.0  # m/s
 
@@ -155,16 +154,6 @@ def gg_diagram(
         name=name or (type(given).__name__ if car is not None else ""),
         log_name="" if data is None else data.name,
     )
-
-
-def grip_of(car: Any) -> LapCar:
-    """The car as laps know it, with more power than its tires hold where the engine is not known."""
-    if isinstance(car, LapCar):
-        return car
-    try:
-        return lap_car(car)
-    except ParameterError:
-        return lap_car(car, power=_ANY_POWER)
 
 
 def _edge(car: LapCar, v: float) -> np.ndarray:

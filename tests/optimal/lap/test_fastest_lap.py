@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import slipangle as sa
-from slipangle.errors import ParameterError, SolverError
+from slipangle.errors import ModelWarning, ParameterError, SolverError
 from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENGER_TIRE
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -325,6 +325,15 @@ def test_cars_without_limits_or_power_are_named():
     assert sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01), power=2e5).C_f == 8e4
 
 
+@pytest.mark.parametrize("unit", [100.0, 1000.0])
+def test_widths_in_another_unit_are_named(unit):
+    """A lap between edges that lie beyond each other would be an optimum of nothing."""
+    track = circuit()
+    wide = replace(track, right=track.right * unit, left=track.left * unit)
+    with pytest.raises(ParameterError, match=r"'circuit' is \d+ m wide and .* m long; expected widths in m"):
+        sa.fastest_lap(RACER, wide)
+
+
 @pytest.mark.parametrize("power", [1.0, 90.0])
 def test_a_car_that_stands_still_is_named(power):
     """90 kW given as 90: road and air take 0.015 * 11.8 kN and more, which is 90 W at half a metre a second."""
@@ -340,7 +349,8 @@ def test_what_nobody_says_of_a_car_goes_with_its_size(size):
         **dict(mass=1200 * size**3, inertia_z=1500 * size**5, wheelbase=USUAL * size, l_f=1.3 * size),
         **dict(C_f=1.1e5 * size**3, C_r=1.3e5 * size**3, mu_f=1.0, mu_r=1.0),
     )
-    car = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=9e4 * size**3.5)
+    with pytest.warns(ModelWarning, match=r"no drag \(drag=0 kg/m\), driven rear wheels .* across .* and along"):
+        car = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=9e4 * size**3.5)
     assert car.width == pytest.approx(1.8 * min(size, 1.0))
     assert (car.delta_rate, car.force_rate) == pytest.approx((size**-0.5, 8.0 * size**-0.5))
     assert sa.lap_car(car, width=0.5).width == 0.5
@@ -374,7 +384,8 @@ def test_what_a_fit_leaves_open_is_the_spread_of_laps_anew():
 def test_the_lap_of_a_saturating_bicycle_has_its_downforce():
     axles = dict(C_f=8e4, C_r=1e5, mu_f=1.2, mu_r=1.3, downforce_f=0.9, downforce_r=1.4)
     p = sa.SaturatingBicycleParams(mass=982.0, inertia_z=1200.0, wheelbase=2.4, l_f=1.39, **axles)
-    car, v = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=2e5), 60.0
+    plain = {"drag": 0.0, "drive_rear": 1.0, "transfer_x": 0.0, "transfer_f": 0.0}  # said: nothing to warn of
+    car, v = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=2e5, **plain), 60.0
     front, rear = 982.0 * GRAVITY * 1.01 / 2.4 + 0.9 * v**2, 982.0 * GRAVITY * 1.39 / 2.4 + 1.4 * v**2
     acting = forces(0.02, 0.5, -car.resistance(v), 0.0, v, car)
     assert acting.rear.peak == pytest.approx(1.3 * rear, rel=1e-3)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
 import numpy as np
 
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.tires.simple import Tire
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
@@ -18,6 +20,14 @@ from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
 from slipangle.optimal.lap.car import LapCar
 
 _HIGH, _LOW = 1.3, 0.7  # loads over the static one, between which a tire's load sensitivity is taken
+_SUPPOSED = {  # what a model of grip alone leaves out, and what is taken then
+    "drag": "no drag (drag=0 kg/m)",
+    "drive_rear": "driven rear wheels (drive_rear=1)",
+    "transfer_f": "no load transfer across (transfer_f=0, transfer_r=0)",
+    "transfer_x": "and along (transfer_x=0)",
+}
+_NOT_THERE = dict.fromkeys(("friction_load", "stiffness_load", "transfer_x", "transfer_f", "transfer_r", "drag"), 0.0)
+AMPLE = 1e7  # W, more than the tires of any car hold
 _ANGLES = np.radians(np.linspace(0.5, 14.0, 28))
 
 
@@ -39,6 +49,11 @@ def lap_car(car: Any, **values: float) -> LapCar:
     ParameterError
         If the model has no limits of grip, a value has no such name, or the power is not known.
 
+    Warns
+    -----
+    ModelWarning
+        With what was taken where neither the model nor ``values`` say drag, driven axle or load transfer.
+
     Examples
     --------
     >>> from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
@@ -48,6 +63,34 @@ def lap_car(car: Any, **values: float) -> LapCar:
     >>> round(bmw.power / 1000)
     90
     """
+    made, known = _car_of(car, values)
+    if words := _taken(known):
+        warnings.warn(words, ModelWarning, stacklevel=2)
+    return made
+
+
+def supposed(car: Any, values: Mapping[str, float]) -> str:
+    """A sentence on what `lap_car` takes where neither the model nor ``values`` say it; none where all is said."""
+    return _taken(_car_of(car, values, power=AMPLE)[1])
+
+
+def _taken(known: Collection[str]) -> str:
+    taken = [words for name, words in _SUPPOSED.items() if name not in known]
+    if not taken:
+        return ""
+    return (
+        f"the car's model does not say all that a lap hangs on: taken were {', '.join(taken)}; give what you know: "
+        "sa.lap_car(model, drag=0.7, ...), or slipangle lap with --set drag=0.7"
+    )
+
+
+def grip_of(car: Any) -> LapCar:
+    """What tires hold, as laps know it, whatever drives them: with ample power where the engine is not known."""
+    return _car_of(car, {}, power=AMPLE)[0]
+
+
+def _car_of(car: Any, values: Mapping[str, float], **otherwise: float) -> tuple[LapCar, set[str]]:
+    """The car, what is ``otherwise`` in it where neither its model nor ``values`` say it, and what these do say."""
     for name in values:
         LapCar.si(name)
     model = car if hasattr(car, "params") else getattr(car, "model", car)
@@ -59,14 +102,14 @@ def lap_car(car: Any, **values: float) -> LapCar:
             "SaturatingBicycle or DualTrack: identify one of these"
         )
     known = {**known, **values}
-    if "power" not in known:
+    if "power" not in {**known, **otherwise}:
         raise ParameterError(
             "the car's power is not known; expected it in W: sa.lap_car(model, power=2e5), or slipangle lap with "
             "--set power=2e5"
         )
-    made = LapCar(**known)
+    made = LapCar(**{**_NOT_THERE, **otherwise, **known})
     factors = {"width": min(made.size, 1.0), "delta_rate": made.size**-0.5, "force_rate": made.size**-0.5}
-    return replace(made, **{n: factor * getattr(made, n) for n, factor in factors.items() if n not in known})
+    return replace(made, **{n: factor * getattr(made, n) for n, factor in factors.items() if n not in known}), {*known}
 
 
 @singledispatch
@@ -84,8 +127,7 @@ def _(of: NonlinearBicycleParams) -> dict[str, float]:
 def _(of: SaturatingBicycleParams) -> dict[str, float]:
     of = of.unlocked()
     shared = {name: getattr(of, name) for name in LapCar.metadata() if name in of.metadata()}
-    unknown = ("friction_load", "stiffness_load", "transfer_x", "transfer_f", "transfer_r", "drag")
-    return {**dict.fromkeys(unknown, 0.0), **shared}
+    return shared
 
 
 @known_limits.register

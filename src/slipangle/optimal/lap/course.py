@@ -10,6 +10,7 @@ from slipangle.errors import ParameterError
 from slipangle.paths.path import Path
 
 INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
+_WIDEST = 0.25  # of its length: a closed track as wide as this has hardly a middle; in cm all are wider
 _UNSEEN = 0.03  # of the track's mean width, up to which an edge may come in between two points
 
 
@@ -72,6 +73,7 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
                 'between: read a track with widths, or drive its own line with line="given"'
             )
     if tolerance is None:
+        _require_metres(track, float(np.mean(at.left + at.right)))
         fine, enough = track.at(track.s), _UNSEEN * float(np.mean(at.left + at.right))
         high, low = (
             side * _kept_between(track, s, side * own, side * edge - room, enough)
@@ -92,6 +94,16 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
     return Course(
         ends=ends, s=s, X=at.X, Y=at.Y, psi=at.psi, curvature=curvature, low=low, high=high, closed=track.closed
     )
+
+
+def _require_metres(track: Path, width: float) -> None:
+    """Raise if a track is ``width`` [m] wide as no track of its length is, but one in another unit."""
+    most = _WIDEST * track.length if track.closed else track.length
+    if width > most:
+        raise ParameterError(
+            f"'{track.name}' is {width:.0f} m wide and {track.length:.0f} m long; expected widths in m, below "
+            f"{most:.3g} m: check the unit, of centimetres a hundredth"
+        )
 
 
 def _kept_between(track: Path, s: np.ndarray, room: np.ndarray, edge: np.ndarray, enough: float) -> np.ndarray:
