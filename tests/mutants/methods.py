@@ -1001,6 +1001,14 @@ MUTANTS = [
         [("lap: edges count at the points alone", "least[worst <= enough] = np.inf", "least[:] = np.inf")],
     ),
     *mistakes(
+        "identify/judge/growth.py",
+        "identify/judge/test_growth.py",
+        [
+            ("growth: what drifts is taken for unstable", "_GREW = 10.0", "_GREW = 3.0"),
+            ("growth: any error of an unstable model is its start's", "if share > _SHARE", "if share < _SHARE"),
+        ],
+    ),
+    *mistakes(
         "optimal/lap/course.py",
         "optimal/lap/test_fastest_lap.py::test_widths_in_another_unit_are_named",
         [("lap: any width is taken for one in m", "if width > most:", "if width > 1e9 * most:")],

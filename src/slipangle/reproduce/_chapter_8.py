@@ -24,7 +24,8 @@ from slipangle.data.dataset import Channel, Dataset, join
 from slipangle.data.public.sets import ferrari_250lm, public
 from slipangle.errors import IdentifiabilityWarning, ModelWarning
 from slipangle.identify.judge.compare import Estimator
-from slipangle.identify.judge.validate import Score, restarted, score
+from slipangle.identify.judge.initial import restarted
+from slipangle.identify.judge.validate import Score, score
 from slipangle.identify.networks.joint import Joint
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from slipangle import Dataset, GreyBox, Hybrid, Model, NARXModel, StateSpace, public
-from slipangle.identify.judge.validate import Score, restarted, score
+from slipangle.identify.judge.initial import restarted
+from slipangle.identify.judge.validate import Score, score
 from slipangle.identify.networks.presets import SOUSA_TABLE_8_3, SOUSA_TABLE_8_3_DISCREPANCY
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.vehicles.longitudinal import DrivelineParams, PedalCar

@@ -10,7 +10,8 @@ of a racing tire; ours is per axle. Here every estimate has its 95 % interval, w
 import numpy as np
 
 from slipangle import Bicycle, Dataset, FitInfo, GreyBox, Longitudinal, LongitudinalParams, join
-from slipangle.identify.judge.validate import restarted, score
+from slipangle.identify.judge.initial import restarted
+from slipangle.identify.judge.validate import score
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import bicycle, ferrari, quietly

@@ -73,7 +73,8 @@ def _model_verdict(
         )
         for key, label, measure, digits in (*shown, ("rmse", "RMSE", unit, 3))
     )
-    for said in (*([v.misread] if v.misread else []), *beyond_said(v.free_run, name)):
+    grown = [v.growth[name]] if name in v.growth else []
+    for said in (*([v.misread] if v.misread else []), *grown, *beyond_said(v.free_run, name)):
         sentence += f" {said[0].upper()}{said[1:]}."
     tone: Tone = "poor" if name in v.free_run.astray else stands.word
     evidence = (f"Free run: {spoken(name)}", "Parameters", "Residuals")

@@ -9,7 +9,9 @@ from scipy.stats import norm
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
-from slipangle.identify.judge.validate import residual_tests, restarted, simultaneous_width, validate
+from slipangle.identify.judge.initial import restarted
+from slipangle.identify.judge.residuals import residual_tests, simultaneous_width
+from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.polynomial import OutputError
 from slipangle.models.black_box.arx import ARXModel

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.identify.judge.validate import restarted
+from slipangle.identify.judge.initial import restarted
 from slipangle.identify.networks.runs import side_by_side
 
 

@@ -12,8 +12,10 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError, ParameterError, SimulationError, SlipangleError, shown
+from slipangle.identify.judge.growth import growth_said
 from slipangle.identify.judge.initial import Start, free_run
-from slipangle.identify.judge.validate import Score, require_unseen, score
+from slipangle.identify.judge.scores import Score, score
+from slipangle.identify.judge.validate import require_unseen
 from slipangle.identify.networks.training import Progress
 from slipangle.models.model import Model, Trajectory
 from slipangle.shown import Shown
@@ -113,7 +115,7 @@ def compare(
             runs[name] = str(error)
     masks = [pair[0].predicted for pair in runs.values() if not isinstance(pair, str)]
     mask = np.logical_and.reduce(masks) if masks else np.zeros(data.n_samples, dtype=bool)
-    entries = [_entry(name, model, runs[name], judged, mask) for name, model in named.items()]
+    entries = [_entry(name, model, runs[name], judged, mask, data) for name, model in named.items()]
     return Comparison(
         entries=tuple(sorted(entries, key=lambda entry: entry.error)),
         outputs=judged,
@@ -124,13 +126,19 @@ def compare(
 
 
 def _entry(
-    name: str, model: Model, runs: tuple[Trajectory, Trajectory] | str, outputs: tuple[str, ...], mask: np.ndarray
+    name: str,
+    model: Model,
+    runs: tuple[Trajectory, Trajectory] | str,
+    outputs: tuple[str, ...],
+    mask: np.ndarray,
+    data: Dataset,
 ) -> Entry:
     fitted = model.fit_info.warnings if model.fit_info is not None else ()
     if isinstance(runs, str):
         return Entry(name=name, model=model, failure=runs, warnings=fitted)
     said = tuple(sentence for run in runs for sentence in run.astray.values())
     said += () if runs[0].beyond is None else (runs[0].beyond.sentence,)
+    said += tuple(growth_said(model, data, runs[0]).values())
     free, one = (replace(run, predicted=mask) for run in runs)
     return Entry(
         name=name,

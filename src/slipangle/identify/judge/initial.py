@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError, require_known
 from slipangle.models.model import Model, Trajectory
 from slipangle.numerics.least_squares import LEAST, LevenbergMarquardt, triangle
@@ -60,6 +60,34 @@ def _from_first(model: Model, data: Dataset, count: int) -> Trajectory:
     run = model.simulate(data, start=states)
     late = np.concatenate([np.arange(part.n_samples) >= count for part in chosen.experiments])
     return replace(run, predicted=run.predicted & late, kind=f"free run, start from {count} samples")
+
+
+def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
+    """The data cut into experiments that a free run starts anew in.
+
+    Each predicts ``seconds`` (the last of a record what is left) from the ``memory`` samples before. So runs of it
+    predict the same samples as one run over all the data, and what a single long run hides or shows is seen beside it.
+
+    Lengths are in seconds [s]; experiments not longer than ``memory`` samples are left out.
+
+    Raises ParameterError if ``seconds`` is shorter than one sample, and TooShortError if no experiment is longer than
+    ``memory``.
+    """
+    n = round(seconds / data.dt)
+    if n < 1:
+        raise ParameterError(
+            f"restarts every {seconds:g} s, a sample lasts {data.dt:g} s; expected at least one sample"
+        )
+    parts = [
+        part.rows(a - memory, min(a + n, part.n_samples))
+        for part in data.experiments
+        for a in range(memory, part.n_samples, n)
+    ]
+    if not parts:
+        raise TooShortError(
+            f"no experiment of '{data.name}' is longer than the {memory} samples a free run starts from; record longer"
+        )
+    return join(*parts, name=data.name)
 
 
 def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> np.ndarray:

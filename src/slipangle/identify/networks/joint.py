@@ -14,7 +14,7 @@ from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterError, SimulationError
 from slipangle.fields import Count, NotNegative, Positive, Seed, Whole, Within
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.judge.validate import restarted
+from slipangle.identify.judge.initial import restarted
 from slipangle.identify.networks.joint_problem import JointProblem
 from slipangle.identify.networks.training import Holdout, Progress, require_jax
 from slipangle.identify.networks.unlike import proved
