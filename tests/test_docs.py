@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import os
 import pkgutil
 import re
 import subprocess
@@ -17,6 +18,7 @@ from slipangle.workflow.settings import read_settings
 from tests.lowest import constraints, requirements
 
 ROOT = Path(__file__).parents[1]
+QUICK = ("log_to_controller.py", "plant_in_another_process.py")  # of the examples
 README = (ROOT / "README.md").read_text()
 
 
@@ -88,10 +90,22 @@ def test_example_settings_are_valid(path):
     assert read_settings(path).title == tomllib.loads(path.read_text())["title"]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(p, id=p.name, marks=[pytest.mark.slow] * (p.name not in QUICK))
+        for p in sorted((ROOT / "examples").glob("*.py"))
+    ],
+)
 def test_examples_run(path, tmp_path):
     done = subprocess.run(
-        [sys.executable, path], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, path],
+        cwd=tmp_path,
+        env={"SLIPANGLE_CFLAGS": "-O1", **os.environ},  # compiled soon: how quick they are is asked elsewhere
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "inside the lanes: True" in done.stdout

@@ -43,7 +43,8 @@ from tests.workflow.test_cli import write_job
 
 @pytest.fixture(autouse=True)
 def nothing_stays(monkeypatch):
-    """What a test registers is gone after it."""
+    """What a test registers is gone after it; all is compiled soon, as none of them asks how quick it is."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
     for registry in (KINDS, RECORDS, READERS, SIGNALS, CONTROLLERS, PLANTS, SECTIONS):
         monkeypatch.setattr(registry, "_things", dict(registry))
 
@@ -214,6 +215,7 @@ model = 'bicycle'
 kind = 'weak stanley'
 gain = 2.0
 v_x = 10.0
+cars = 0
 [plant]
 catalogue = 'sousa-table-6.1'
 """
@@ -247,7 +249,9 @@ def test_a_vehicle_from_outside_is_driven_by_a_job(tmp_path, capsys):
         names = ("X", "Y", "psi", "v_x", "v_y", "r")
         return PlantFunctions(step=step, reset=reset, dt=0.01, inputs=("delta",), outputs=names)
 
-    job = "[controller]\nmodel = 'bicycle'\nv_x = 10.0\n[plant]\nkind = 'other bicycle'\nlate = 0.02\n"
+    job = (
+        "[controller]\nmodel = 'bicycle'\nkind = 'stanley'\nv_x = 10.0\n[plant]\nkind = 'other bicycle'\nlate = 0.02\n"
+    )
     path = write_job(tmp_path, more=job)
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["closed_loop"]["end"] == "FINISHED"

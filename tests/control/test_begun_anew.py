@@ -139,7 +139,7 @@ def test_every_other_fallback_is_left_alone():
 @pytest.mark.skipif(compiler() is None, reason=sentence())
 @pytest.mark.parametrize("parts", ["one part", "scenarios"])
 def test_the_exported_one_does_the_same(parts, tmp_path, monkeypatch):
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     mpc, rng = ball(**PARTS[parts]), np.random.default_rng(1)
     LoadedJoined.folder = tmp_path
     kind = Loaded if parts == "one part" else LoadedJoined

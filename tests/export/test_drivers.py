@@ -169,7 +169,7 @@ EACH = pytest.mark.parametrize(
 @EACH
 def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, monkeypatch):
     """In closed loop with itself; gaps of half a second and of two, wild numbers, a car that stops."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", f"-O{variant == 'plain':d} -march=native")
     whole, rng, seen = VARIANTS[variant](), np.random.default_rng(3), set()
     exported = LoadedDriver(project_of(whole, "car", 4), tmp_path)
     model, names = whole.controller.model, channels(whole)
@@ -204,7 +204,7 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
 @needs_compiler
 def test_same_as_python_where_the_car_should_stop(tmp_path, monkeypatch):
     """Headings from -pi to pi, a speed that is lost, then stuck, negative, and the end of the path."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     path = Path.from_points(np.linspace(0.0, -160.0, 80), np.zeros(80)).with_speed(15.0)
     pedals = SpeedDriver(kp=800.0, ki=200.0, limits=(-3000.0, 1500.0), drive=Values(T_f=1.0), brake=Values(T_f=1.0))
     whole, seen, rng = driver(path, horizon=6, speed=pedals), [], np.random.default_rng(2)
@@ -258,9 +258,10 @@ def test_same_as_python_where_the_car_should_stop(tmp_path, monkeypatch):
     assert [r for r, before in zip(seen, [-1, *seen], strict=False) if r != before] == [0, 7, 0]
 
 
-@pytest.mark.parametrize(("east", "near"), [(0.0, True), (4e4, True), (5e5, False)])
-def test_single_precision_refuses_a_path_far_from_the_origin(east, near, tmp_path):
+@pytest.mark.parametrize(("east", "near"), [pytest.param(0.0, True, marks=pytest.mark.slow), (4e4, True), (5e5, False)])
+def test_single_precision_refuses_a_path_far_from_the_origin(east, near, tmp_path, monkeypatch):
     """As one in UTM coordinates, where neighbouring numbers are centimetres apart."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     path = Path.from_points(east + np.linspace(0.0, 160.0, 80), np.zeros(80)).with_speed(15.0)
     whole = driver(path, horizon=6)
     whole.export(tmp_path / "double", name="car", drive=2)
@@ -275,7 +276,7 @@ def test_single_precision_refuses_a_path_far_from_the_origin(east, near, tmp_pat
 @needs_compiler
 def test_an_estimate_that_runs_away_starts_anew(tmp_path, monkeypatch):
     """Side slip of kilometres a second, from poses that are believed for want of a gate."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     path = double_lane_change(20.0)
     whole = driver(path, horizon=6)
     wild = type(whole.estimator)(
@@ -303,7 +304,7 @@ def test_an_estimate_that_runs_away_starts_anew(tmp_path, monkeypatch):
 
 @needs_compiler
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
-@EACH
+@pytest.mark.parametrize("variant", [pytest.param(n, marks=[pytest.mark.slow] * ("bank" not in n)) for n in VARIANTS])
 def test_compilers_have_nothing_to_say(variant, compiler_, tmp_path):
     needs(compiler_)
     made = project_of(VARIANTS[variant](), "racer", 2).everything
@@ -320,7 +321,8 @@ def test_compilers_have_nothing_to_say(variant, compiler_, tmp_path):
 
 
 @needs_compiler
-def test_a_drive_is_recorded_and_what_has_no_c_is_said():
+def test_a_drive_is_recorded_and_what_has_no_c_is_said(monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     whole = driver(double_lane_change(20.0), horizon=6)
     recorder, model = DriverRecorder(whole), Bicycle(params=SOUSA_TABLE_7_2, dt=0.002, outputs=("v_y", "r"))
     with pytest.raises(ParameterError, match="nothing has been recorded"):

@@ -81,11 +81,12 @@ VARIANTS = {
 EACH = pytest.mark.parametrize("variant", VARIANTS)
 
 
-def test_code_does_not_grow_with_the_steps():
+def test_code_does_not_grow_with_the_steps(monkeypatch):
     """Of a filter, of the solver of a window, and of a model."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0")
     known = {"noise_std": NOISE, "process_std": WANDER}
     for make in (partial(sa.EKF, **known), partial(sa.MHE, horizon=4, **known), lambda start: start):
-        few, many = (project_of(make(start=found(n)), "car", 3).everything for n in (16, 160))
+        few, many = (project_of(make(start=found(n)), "car", 3).everything for n in (16, 48))
         assert {n: len(c.splitlines()) for n, c in few.items() if n.endswith(".c")} == {
             n: len(c.splitlines()) for n, c in many.items() if n.endswith(".c")
         }
@@ -132,7 +133,7 @@ def equal(a, b):
 @EACH
 def test_same_as_python_to_the_last_bit_whatever_it_is_given(variant, monkeypatch):
     """Missing, late and wild outputs, inputs that are no numbers, a restart."""
-    level = "-O1" if variant == "many steps" else "-O2"  # which takes the optimiser three times as long as the others
+    level = "-O0" if variant == "many steps" else "-O2"  # which takes the optimiser three times as long as the others
     monkeypatch.setenv("SLIPANGLE_CFLAGS", f"{level} -march=native")
     settings, rng = VARIANTS[variant], np.random.default_rng(4)
     model = settings.model
@@ -205,7 +206,9 @@ def test_what_diverges_is_as_before(variant, monkeypatch):
     assert {0, 3} == set(codes)
 
 
-@EACH
+@pytest.mark.parametrize(
+    "variant", [pytest.param(v, marks=[pytest.mark.slow] * (v in ("observer", "one state"))) for v in VARIANTS]
+)
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
 def test_compilers_have_nothing_to_say(variant, compiler_, tmp_path):
     needs(compiler_)

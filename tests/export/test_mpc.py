@@ -43,7 +43,7 @@ def files(mpc, steps=3):
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """All is compiled in a second, by the same flags."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
 
 
 KINDS = {
@@ -68,6 +68,7 @@ KINDS = {
     },
     "to convergence": {"horizon": 5, "solver": sa.RealTime(iterations=0, max_iterations=3)},
 }
+AS_OTHERS = ("corridor and soft limits", "hard limits", "to convergence")  # "by stages" and in test_joined
 
 
 def upset(x, reference, k, rng):
@@ -90,9 +91,11 @@ def upset(x, reference, k, rng):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
-def test_same_as_python_to_the_last_bit_whatever_happens(kind):
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=[pytest.mark.slow] * (k in AS_OTHERS)) for k in KINDS])
+def test_same_as_python_to_the_last_bit_whatever_happens(kind, monkeypatch):
     """Commands, plans, status, fallbacks, health; a third of the calls hold what no sensor should say."""
+    if kind == "plain":  # of one, what an optimiser makes of such code
+        monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
     settings = dict(KINDS[kind])
     mpc = controller(settings.pop("horizon", 10), **settings)
     exported = Loaded(files(mpc))
@@ -172,7 +175,7 @@ def test_a_first_call_without_a_state_is_the_stop_law():
 
 @needs_compiler
 def test_the_caller_bounds_iterations_and_brings_the_clock():
-    mpc = controller(8)
+    mpc = controller()
     exported = Loaded(files(mpc))
     reference = mpc.reference(sa.double_lane_change(20.0).ahead(20.0, mpc.times))
     far = mpc.model.straight(20.0, X=20.0, Y=9.0, psi=1.0)
@@ -206,7 +209,7 @@ def test_the_caller_bounds_iterations_and_brings_the_clock():
 
 @needs_compiler
 def test_memory_is_what_the_header_says():
-    exported = Loaded(files(controller(4)))
+    exported = Loaded(files(controller()))
     assert exported.start(exported.bytes - 1024) == 1
     assert exported.start(offset=8) == 2
     assert exported.start() == 0
@@ -217,21 +220,18 @@ def test_size_of_a_struct_is_that_of_the_compiler(tmp_path):
     needs("gcc")
     made = files(controller(7))
     for lanes in (1, 8):
-        text = (
-            made["car.c"] + '\n#include <stdio.h>\nint main(void) { printf("%d", (int)sizeof(Controller)); return 0; }'
-        )
+        said = size_of(made["car.c"].split("#define CALLERS_CLOCK\n", 1)[1], "Controller", lanes)
+        text = f'{made["car.c"]}\n_Static_assert(sizeof(Controller) == {said}, "another size");\n'
         for name, content in {**made, "size.c": text}.items():
             (tmp_path / name).write_text(content)
-        run("gcc", f"-DCAR_LANES={lanes}", "-O0", "-o", "size", "size.c", "-lm", folder=tmp_path)
-        source = text.split("#define CALLERS_CLOCK\n", 1)[1]
-        assert size_of(source, "Controller", lanes) == int(run("./size", folder=tmp_path))
+        run("gcc", f"-DCAR_LANES={lanes}", "-fsyntax-only", "size.c", folder=tmp_path)
 
 
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
 @pytest.mark.parametrize("simd", ["-march=native", "-DCAR_LANES=1"])
 def test_compilers_have_nothing_to_say(compiler_, simd, tmp_path):
     needs(compiler_)
-    for kind in ("plain", "corridor and soft limits", "long stages", "by stages"):
+    for kind in ("long stages", "by stages"):
         settings = dict(KINDS[kind])
         made = files(controller(settings.pop("horizon", 10), **settings))
         for name, content in made.items():

@@ -58,7 +58,7 @@ def compiled(tmp_path_factory):
     """A racer of few stages, and its C, both without what compilers fuse and reorder."""
     whole = racer(horizon=6)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+        patch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
         yield whole, LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path_factory.mktemp("racer"))
 
 
@@ -231,7 +231,10 @@ def test_commands_are_in_their_ranges_whatever_it_is_told(short):
 
 @needs_compiler
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
-@pytest.mark.parametrize("how", [{}, LATE], ids=["as it is", "with a steering that is late"])
+@pytest.mark.parametrize(
+    "how",
+    [pytest.param({}, id="as it is", marks=pytest.mark.slow), pytest.param(LATE, id="with a steering that is late")],
+)
 def test_compilers_have_nothing_to_say(how, compiler_, tmp_path):
     needs(compiler_)
     made = project_of(racer(horizon=6, **how), "pilot", NO_DRIVE).everything
@@ -298,7 +301,8 @@ def test_an_fmu_repeats_a_drive(version, tmp_path):
 
 
 @needs_compiler
-def test_a_drive_is_recorded_and_what_has_no_c_is_said(tmp_path):
+def test_a_drive_is_recorded_and_what_has_no_c_is_said(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     whole = racer(horizon=6)
     recorder = DriverRecorder(whole)
     recorder.step({"X": 0.0}, 0.0)

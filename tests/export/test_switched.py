@@ -52,10 +52,10 @@ class LoadedParts(Loaded):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=[pytest.mark.slow] * (k == "MPC and MARX")) for k in KINDS])
 def test_takes_turns_as_python_does_whatever_happens(kind, tmp_path, monkeypatch):
     """Which one plans, its commands and statuses to 1e-9, fallbacks over a change of turns too."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     controller = KINDS[kind]
     LoadedParts.folder = tmp_path
     project = project_of(controller, "car", 3)
@@ -106,8 +106,15 @@ def test_takes_turns_as_python_does_whatever_happens(kind, tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("kind", ["MARX and MPC", "MPC and MARX"])
+@pytest.mark.parametrize(
+    ("kind", "precision"),
+    [
+        ("MARX and MPC", "double"),
+        pytest.param("MPC and MARX", "double", marks=pytest.mark.slow),
+        pytest.param("MARX and MPC", "single", marks=pytest.mark.slow),
+        ("MPC and MARX", "single"),
+    ],
+)
 def test_compilers_have_nothing_to_say(kind, compiler_, precision, tmp_path):
     needs(compiler_)
     project = as_precision(project_of(KINDS[kind], "racer", 3), precision)
@@ -118,8 +125,9 @@ def test_compilers_have_nothing_to_say(kind, compiler_, precision, tmp_path):
 
 
 @needs_compiler
-def test_a_built_one_drives(tmp_path):
+def test_a_built_one_drives(tmp_path, monkeypatch):
     """Loaded without a compiler, on its own drive."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
     drive = standard_drive(SWITCHED, 60)
     built = sa.export.load(sa.export.build(SWITCHED, tmp_path / "made", drive=drive))
     x = np.zeros(SWITCHED.model.n_states)

@@ -36,11 +36,19 @@ def looking_back(settings, **more):
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """The solver in Python is compiled as the exported one is."""
-    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
 
 
+EVERYDAY = (("late, gate, offsets", "double"), ("observer", "single"))
 VARIANTS = {name: looking_back(settings, **MORE[name]) for name, settings in test_estimators.VARIANTS.items()}
-EACH = pytest.mark.parametrize("variant", [*VARIANTS, "driver"])
+EACH = pytest.mark.parametrize(
+    ("variant", "precision"),
+    [
+        pytest.param(v, p, marks=[pytest.mark.slow] * ((v, p) not in EVERYDAY))
+        for v in (*VARIANTS, "driver")
+        for p in ("double", "single")
+    ],
+)
 USE = """
 #include "car.h"
 #include <math.h>
@@ -95,7 +103,9 @@ def wild(model, start, n=300):
 
 
 @needs_compiler
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(
+    "variant", [pytest.param(v, marks=[pytest.mark.slow] * (v in ("many steps", "one state"))) for v in VARIANTS]
+)
 def test_same_as_python_whatever_it_is_given(variant, tmp_path):
     """Estimates, how sure, innovations and outliers, to 1e-9; a bound on v_y holds in both."""
     needs("gcc")
@@ -137,7 +147,6 @@ def test_same_as_python_whatever_it_is_given(variant, tmp_path):
 
 @EACH
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
-@pytest.mark.parametrize("precision", ["double", "single"])
 def test_compilers_have_nothing_to_say(variant, compiler_, precision, tmp_path):
     needs(compiler_)
     thing, kind = (driver(), "Driver") if variant == "driver" else (VARIANTS[variant], "Estimator")
@@ -151,11 +160,16 @@ def test_compilers_have_nothing_to_say(variant, compiler_, precision, tmp_path):
         run("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "use.cpp", folder=tmp_path)
 
 
+def test_the_folder_says_what_is_in_it(tmp_path):
+    folder = VARIANTS["observer"].export(tmp_path / "made", name="racer", drive=2)
+    assert "moving horizon estimator, 8 steps back" in (folder / "README.md").read_text()
+
+
+@pytest.mark.slow
 def test_the_folder_is_made_and_replayed(tmp_path):
     needs("make", "gcc")
     folder = VARIANTS["observer"].export(tmp_path / "made", name="racer", drive=100)
     assert "100 samples" in run("make", "-s", "replay", "strict", "CC=gcc", folder=folder)
-    assert "moving horizon estimator, 8 steps back" in (folder / "README.md").read_text()
 
 
 def test_what_has_no_c_is_said():

@@ -11,6 +11,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,6 @@ def try_one(target: str, seed: int, index: int, folder: Path) -> str:
 
 def child(target: str, seed: int, first: int, count: int, seconds: float, folder: Path) -> None:
     """Try inputs until there are enough of them or the time is over; progress and failures go to files."""
-    _limit_memory()
     make(target, seed, first)
     began, seen = time.monotonic(), set()
     report = (folder / "failures").open("a", encoding="utf-8")
@@ -129,6 +129,22 @@ def run(target: str, seed: int, count: int, seconds: float = float("inf")) -> tu
     return tried, kept
 
 
+def end_well(counts: Mapping[str, int], seed: int) -> set[str]:
+    """The targets of which so many inputs each end well, tried one after another by one process."""
+    with tempfile.TemporaryDirectory(prefix="slipangle-fuzz-") as name:
+        folder = Path(name)
+        for target, count in counts.items():
+            (folder / f"{target}.count").write_text(str(count))
+        call = [sys.executable, "-m", "tests.fuzz.runner", "together", name, str(seed), *counts]
+        subprocess.run(call, capture_output=True, check=False, cwd=Path(__file__).parents[2])
+
+        def well(target: str) -> bool:
+            done, failures = folder / target / "done", folder / target / "failures"
+            return done.exists() and done.read_text() == str(counts[target]) and not failures.read_text()
+
+        return {target for target in counts if well(target)}
+
+
 def _kept(target: str, seed: int, index: int, wrong: str) -> str:
     name, raw, options = make(target, seed, index)
     path = Path(tempfile.gettempdir()) / f"fuzz-{target}-{seed}-{index}-{name}"
@@ -138,4 +154,10 @@ def _kept(target: str, seed: int, index: int, wrong: str) -> str:
 
 
 if __name__ == "__main__":
-    child(sys.argv[1], *map(int, sys.argv[2:5]), float(sys.argv[5]), Path(sys.argv[6]))
+    _limit_memory()
+    if sys.argv[1] == "together":
+        for each in sys.argv[4:]:
+            (to := Path(sys.argv[2]) / each).mkdir()
+            child(each, int(sys.argv[3]), 0, int((Path(sys.argv[2]) / f"{each}.count").read_text()), float("inf"), to)
+    else:
+        child(sys.argv[1], *map(int, sys.argv[2:5]), float(sys.argv[5]), Path(sys.argv[6]))

@@ -293,6 +293,9 @@ def plain(x0, wanted, bound, n, model):
     return float(found["f"]), np.asarray(found["x"]).ravel()[:n]
 
 
+@pytest.mark.parametrize(
+    "solver", [pytest.param("condensed", marks=pytest.mark.slow), "riccati", "interpreted", "ipopt"], indirect=True
+)
 def test_plans_are_those_of_a_plain_program(solver):
     mpc = MPC(
         stiffening(substeps=2),
@@ -313,6 +316,9 @@ def test_plans_are_those_of_a_plain_program(solver):
         assert plan.u[:, 0] == pytest.approx(u, abs=1e-8)
 
 
+@pytest.mark.parametrize(
+    "solver", ["condensed", pytest.param("riccati", marks=pytest.mark.slow), "interpreted", "ipopt"], indirect=True
+)
 def test_limits_of_algebraic_variables_and_scenarios_of_parameters(solver):
     """A force that is solved for is kept below its limit, on dry road and on wet."""
     mpc = MPC(

@@ -137,7 +137,7 @@ def plain(x0, wanted, n):
     return float(found["f"]), np.asarray(found["x"]).ravel()
 
 
-@pytest.mark.parametrize("solver", ["condensed", "riccati", "ipopt"])
+@pytest.mark.parametrize("solver", ["condensed", pytest.param("riccati", marks=pytest.mark.slow), "ipopt"])
 def test_plans_are_those_of_a_plain_program(solver):
     engine = Ipopt(tolerance=1e-13) if solver == "ipopt" else RealTime(iterations=0, tolerance=1e-11, qp=solver)
     mpc = MPC(driven(), horizon=10, Q=Weights(s=5.0, v=0.1), R=Weights(a=0.05), limits=Limits(a=1.0), solver=engine)

@@ -15,7 +15,7 @@ def coloured(rng, pole, n=N):
     return lfilter([1.0], [1.0, -pole], rng.standard_normal(n + 100))[100:]
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("pole", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 0.9])
 def test_intervals_cover_the_truth(pole):
     rng, inside, plain = np.random.default_rng(0), 0, 0
     for _ in range(RUNS):

@@ -4,6 +4,7 @@ Ours are both quadratic programs as compiled code and the solver without a compi
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -157,6 +158,11 @@ MIXED = {
     "Huber costs of scenarios": {**KINDS["scenarios"], "huber": Weights(a=0.3, b=0.2)},
     "a free duration and an end": {**KINDS["duration"], **KINDS["end"]},
 }
+AS_ABOVE = (  # of which the everyday tests ask each part elsewhere
+    "Huber costs over long stages",
+    "Huber costs of scenarios",
+    "a free duration and an end",
+)
 SHORTER = {"Huber costs of scenarios": {"horizon": 6}}  # without a compiler these take seconds each
 
 
@@ -194,6 +200,12 @@ def solvers(settings):
     settings = {"model": MODEL, **usual, **settings}
     engines = ours_and_ipopt(settings.pop("hessian", "auto"))
     return [MPC(solver=engine, **settings) for engine in engines]
+
+
+@cache
+def ended():
+    """Of an end that is kept, put together once: no plan hangs on the ones before."""
+    return solvers(KINDS["end"])
 
 
 def drawn(ocp, rng):
@@ -252,7 +264,7 @@ def compare(settings, count, seed=1):
     return solved
 
 
-@pytest.mark.parametrize("kind", MIXED)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in AS_ABOVE)) for kind in MIXED])
 def test_ten_random_problems_end_the_same(kind):
     assert compare({**MIXED[kind], **SHORTER.get(kind, {})}, 10) >= 5
 
@@ -324,7 +336,7 @@ def own(request):
 
 def test_a_limit_that_the_first_linear_model_cannot_keep_is_kept(own):
     """Named infeasible before, though Ipopt has an answer; and one that has none is named so."""
-    posed, names = solvers(KINDS["end"]), []
+    posed, names = ended(), []
     rng = np.random.default_rng(2)
     mpc = replace(posed[0], solver=own)
     for _ in range(10):
@@ -342,7 +354,7 @@ def test_a_limit_that_the_first_linear_model_cannot_keep_is_kept(own):
 
 @pytest.mark.parametrize("turned", ELSEWHERE)
 def test_limits_that_are_kept_only_elsewhere_are_kept(own, turned):
-    posed, (x, said) = solvers(KINDS["end"]), ELSEWHERE[turned]
+    posed, (x, said) = ended(), ELSEWHERE[turned]
     plan, theirs = replace(posed[0], solver=own).plan(x, **said), posed[-1].plan(x, **said)
     assert theirs.status.solved
     assert plan.status is Status.SOLVED
@@ -353,7 +365,7 @@ def test_limits_that_are_kept_only_elsewhere_are_kept(own, turned):
 @pytest.mark.parametrize("place", ANSWERED)
 def test_an_answer_far_from_where_limits_are_missed_by_least_is_found(own, place):
     """Named infeasible before: the first starts took all iterations; and the last bit of a sum does not decide."""
-    posed, rng = solvers(KINDS["end"]), np.random.default_rng(1)
+    posed, rng = ended(), np.random.default_rng(1)
     mpc, (x, said) = replace(posed[0], solver=own), at_place(posed[0].ocp, *place)
     for size in (0.0, 1e-9, 1e-9):
         beside = x * (1 + size * rng.standard_normal(3))
@@ -363,19 +375,19 @@ def test_an_answer_far_from_where_limits_are_missed_by_least_is_found(own, place
         assert stays(posed[-1], plan, beside, said)
 
 
-@pytest.mark.parametrize("most", [5, 10, 20, 30])
+@pytest.mark.parametrize("most", [5, *(pytest.param(n, marks=pytest.mark.slow) for n in (10, 20)), 30])
 def test_what_iterations_have_not_come_to_is_not_named_infeasible(own, most):
-    mpc = replace(solvers(KINDS["end"])[0], solver=replace(own, max_iterations=most))
+    mpc = replace(ended()[0], solver=replace(own, max_iterations=most))
     x, said = at_place(mpc.ocp, 705, 5)
     plan = mpc.plan(x, **said)
     assert plan.status is Status.ITERATION_LIMIT
     assert plan.iterations == most
 
 
-@pytest.mark.parametrize("most", [33, 34])
+@pytest.mark.parametrize("most", [pytest.param(33, marks=pytest.mark.slow), 34])
 def test_limits_that_a_second_start_keeps_are_not_named_infeasible(own, most):
     """Named so before, where that start ran out of iterations a few before the optimum."""
-    posed, (x, said) = solvers(KINDS["end"]), ELSEWHERE["first control"]
+    posed, (x, said) = ended(), ELSEWHERE["first control"]
     plan, theirs = (
         replace(posed[0], solver=replace(own, max_iterations=most, hessian="gauss-newton")).plan(x, **said),
         posed[-1].plan(x, **said),
@@ -386,7 +398,7 @@ def test_limits_that_a_second_start_keeps_are_not_named_infeasible(own, most):
     assert inputs(plan) == pytest.approx(inputs(theirs), abs=1e-5)
 
 
-@pytest.mark.parametrize("aside", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("aside", [0.0, pytest.param(1e-9, marks=pytest.mark.slow), 1e-3])
 def test_an_obstacle_straight_ahead_is_passed(own, aside):
     """Hard limits that only turning off the middle of the range keeps, from where neither side is nearer."""
     model = Ode(f=lambda x, u, p: [1.0 + 0 * x[0], u[0]], states=("s", "d"), inputs=("w",), params={}, dt=0.1)
@@ -410,6 +422,7 @@ def test_an_obstacle_straight_ahead_is_passed(own, aside):
 
 
 @pytest.mark.skipif(compiler() is None, reason=sentence())
+@pytest.mark.slow
 def test_a_long_way_with_its_limits_kept_is_not_named_infeasible_wherever_it_is_cut():
     """A van der Pol oscillator over 30 s, whose roll-out is far from its answer: named so at every other cut before."""
     for most in range(2, 11):
@@ -421,23 +434,24 @@ def test_a_long_way_with_its_limits_kept_is_not_named_infeasible_wherever_it_is_
 @pytest.mark.skipif(compiler() is None, reason=sentence())
 def test_a_plan_that_is_late_where_limits_are_paid_for_is_no_plan():
     """Whatever the deadline: one plan in a hundred was named solved, though it missed an end that has no answer."""
-    mpc, (x, said) = solvers(KINDS["end"])[0], WANDERING["once"]
+    mpc, (x, said) = ended()[0], WANDERING["once"]
     for deadline in np.geomspace(1e-4, 4e-3, 300):
         assert not replace(mpc, deadline=float(deadline)).plan(x, **said).status.solved
 
 
 def test_a_plan_that_paid_for_its_limits_is_no_plan_whatever_the_iteration_limit(own):
     """It was named a real-time plan, as little was left: of a problem without an answer, or far from the answer."""
-    mpc = solvers(KINDS["end"])[0]
+    mpc = ended()[0]
+    limits = (12, 30, 48) if isinstance(own, Interpreted) else range(12, 60, 2)  # the former takes a second each
     for place in ((701, 9), (705, 5)):
         x, said = at_place(mpc.ocp, *place)
-        plans = [replace(mpc, solver=replace(own, max_iterations=most)).plan(x, **said) for most in range(12, 60, 2)]
+        plans = [replace(mpc, solver=replace(own, max_iterations=most)).plan(x, **said) for most in limits]
         assert not any(plan.status is Status.REAL_TIME and plan.violation > 1e-4 for plan in plans)
 
 
-@pytest.mark.parametrize("case", WANDERING)
+@pytest.mark.parametrize("case", ["once", pytest.param("again", marks=pytest.mark.slow)])
 def test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible(own, case):
-    posed, (x, said) = solvers(KINDS["end"]), WANDERING[case]
+    posed, (x, said) = ended(), WANDERING[case]
     plan = replace(posed[0], solver=own).plan(x, **said)
     assert posed[-1].plan(x, **said).status is Status.INFEASIBLE
     assert plan.status is Status.INFEASIBLE
@@ -448,7 +462,7 @@ def test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible(own,
 
 def test_a_problem_whose_limits_every_linear_model_just_keeps_is_named_infeasible(own):
     """They wander there until the iterations end, unless limits come at a price."""
-    posed, x = solvers(KINDS["end"]), [0.7178, 1.1328, 0.9081]
+    posed, x = ended(), [0.7178, 1.1328, 0.9081]
     said = {"weight": 1.0357, "coupling": 1.7754, "lag": 1.0464, "a": 1.1965, "b": -0.1201, "c": 0.8679}
     plan = replace(posed[0], solver=own).plan(x, **said)
     assert plan.status is posed[-1].plan(x, **said).status is Status.INFEASIBLE

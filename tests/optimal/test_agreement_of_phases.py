@@ -150,7 +150,7 @@ def compare(kind, count, seed=1):
     return solved
 
 
-@pytest.mark.parametrize("kind", ["three phases", "free durations"])
+@pytest.mark.parametrize("kind", [pytest.param("three phases", marks=pytest.mark.slow), "free durations"])
 def test_a_few_random_phases_end_the_same(kind):
     assert compare(kind, 6) >= 3
 

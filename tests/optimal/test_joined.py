@@ -35,6 +35,11 @@ def solver(request, monkeypatch):
             yield RealTime(iterations=0, qp=request.param if request.param != "interpreted" else "auto")
 
 
+LESS = pytest.mark.parametrize(
+    "solver", [pytest.param("condensed", marks=pytest.mark.slow), "riccati", "interpreted", "ipopt"], indirect=True
+)
+
+
 def spring(**settings):
     """A mass on a hardening spring, whose drive is not known well."""
     return Ode(
@@ -108,6 +113,7 @@ def test_every_branch_is_that_of_the_plain_program(solver):
     assert after.cost == pytest.approx(again.cost, rel=1e-8)
 
 
+@LESS
 def test_values_of_scenarios_change_with_the_plan(solver):
     x = np.array([1.0, 0.0])
     mpc = posed(solver, scenarios=Scenarios({"gain": (0.5, 1.5)}))
@@ -207,6 +213,7 @@ def test_the_shortest_time_between_two_rests_is_known(solver, tolerance):
     assert replace(mpc, duration=(0.5, 2.5)).plan(np.array([-2.25, 0.0])).status is Status.INFEASIBLE
 
 
+@LESS
 def test_implicit_models_have_scenarios_on_the_quick_path(solver):
     """Wheels in steps of Radau IIA, a lane, and an output that hangs on the steering: against the branches apart."""
     if isinstance(solver, Ipopt):
@@ -257,6 +264,7 @@ def test_real_time_iterations_follow_the_worst_scenario():
     assert abs(ends[0][0]) < 0.1
 
 
+@LESS
 def test_models_of_any_kind_have_scenarios_of_their_inputs(solver):
     """A linear model of no equations: two scenarios with the same values plan what one alone does."""
     pushed = replace(double_integrator(), B=np.array([[0.005, 0.005], [0.1, 0.1]]), inputs=("a", "wind"))
@@ -269,9 +277,11 @@ def test_models_of_any_kind_have_scenarios_of_their_inputs(solver):
     assert [b.u for b in plan.branches] == [pytest.approx(alone.u, abs=1e-6)] * 2
 
 
+@LESS
 def test_an_impossible_scenario_is_named(solver):
     mpc = posed(
         solver,
+        horizon=6,
         limits=Limits(a=0.5),
         slack={},
         slack_linear={},

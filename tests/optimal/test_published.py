@@ -217,9 +217,10 @@ PROBLEMS: dict[str, tuple[Any, list[float], Any, float]] = {
     "reactor": (reactor, [1.0, 0.0], lambda plan: plan.x[-1, 1], 0.610775),
     "parallel": (parallel, [1.0, 0.0], lambda plan: plan.x[-1, 1], 0.57353),
 }
+EVERYDAY = ("rocket", "reactor")
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n not in EVERYDAY)) for n in PROBLEMS])
 def test_published_optima_are_found_from_nothing(name: str):
     """The published optima of these problems.
 
@@ -237,6 +238,7 @@ def test_published_optima_are_found_from_nothing(name: str):
     assert found < published + 5e-5 * abs(published)
 
 
+@pytest.mark.slow
 def test_an_optimum_is_named_whatever_the_last_bits_of_its_start_are():
     """Two plans alike to 1e-7, with a limit that hardly counts and without, led to each other for ever from 4 of 10."""
     make, start, value, published = PROBLEMS["arm"]

@@ -232,6 +232,7 @@ def test_a_controller_that_knows_load_transfer_is_tried_too():
     assert ours.without == ()
 
 
+@pytest.mark.slow
 def test_a_driver_of_such_a_car_is_tried_too():
     path = double_lane_change(15.0)
     told = {n: NOISE[n] for n in ("r", "X", "Y", "psi")}

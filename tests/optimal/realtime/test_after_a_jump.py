@@ -31,7 +31,9 @@ def jump(mpc, seed):
     return first, state, {"applied": first.command, **gains, **goals[1]}
 
 
-@pytest.mark.parametrize("settings", [KINDS["hard"], TIGHT], ids=["hard", "tight"])
+@pytest.mark.parametrize(
+    "settings", [pytest.param(KINDS["hard"], id="hard", marks=pytest.mark.slow), pytest.param(TIGHT, id="tight")]
+)
 def test_what_a_cold_start_finds_is_found_and_what_it_does_not_is_soon_given_up(settings):
     """Of 50 jumps; a plan may take twenty steps then, as it comes nearer to the limits all the time."""
     mpc = posed(settings, RealTime())
@@ -54,7 +56,9 @@ def test_what_a_cold_start_finds_is_found_and_what_it_does_not_is_soon_given_up(
     assert not in_vain or np.mean(in_vain) < 8.0
 
 
-@pytest.mark.parametrize("settings", [KINDS["hard"], TIGHT], ids=["hard", "tight"])
+@pytest.mark.parametrize(
+    "settings", [pytest.param(KINDS["hard"], id="hard", marks=pytest.mark.slow), pytest.param(TIGHT, id="tight")]
+)
 def test_it_takes_the_same_steps_without_a_compiler(settings):
     engines = [replace(engine, iterations=1) for engine in ours_and_ipopt()[:-1]]
     mpcs = [posed(settings, engine) for engine in engines]

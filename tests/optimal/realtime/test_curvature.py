@@ -104,7 +104,9 @@ def test_steps_that_are_few_or_linear_are_written_out():
 
 
 @pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
-@pytest.mark.parametrize("settings", [{}, {"duration": (0.8, 2.4), "terminal": Weights(duration=0.3)}])
+@pytest.mark.parametrize(
+    "settings", [pytest.param({}, marks=pytest.mark.slow), {"duration": (0.8, 2.4), "terminal": Weights(duration=0.3)}]
+)
 def test_plans_are_those_of_ipopt(settings):
     ours, theirs = (pendulum(solver=s, **settings) for s in (EXACT, Ipopt(tolerance=1e-12)))
     for x in ([0.3, 0.0], [-0.6, 0.5]):

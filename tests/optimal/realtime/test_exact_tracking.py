@@ -95,8 +95,22 @@ def single_track():
     return lanes(mpc, x, Reference(tracked=tracked, exogenous=np.zeros((N, 1))))
 
 
-@pytest.mark.parametrize("kind", SOFT)
-@pytest.mark.parametrize("problem", [point_mass, bicycle, single_track])
+EACH = pytest.mark.parametrize(
+    ("problem", "kind"),
+    [
+        pytest.param(
+            p,
+            k,
+            id=f"{p.__name__}, {k}",
+            marks=[pytest.mark.slow] * (p is single_track or (p is bicycle and k in ("squared", "plain"))),
+        )
+        for p in (point_mass, bicycle, single_track)
+        for k in SOFT
+    ],
+)
+
+
+@EACH
 def test_a_limit_that_becomes_active_is_kept(problem, kind, solver):
     mpc, name, x, cases = problem()
     ours, theirs = (softened(replace(mpc, solver=s), name, kind) for s in (solver, "ipopt"))
@@ -112,8 +126,7 @@ def test_a_limit_that_becomes_active_is_kept(problem, kind, solver):
     assert moved
 
 
-@pytest.mark.parametrize("kind", SOFT)
-@pytest.mark.parametrize("problem", [point_mass, bicycle, single_track])
+@EACH
 def test_it_may_appear_during_the_drive(problem, kind, solver):
     """Steps on the path, each of them exact, then the limit."""
     mpc, name, x, cases = problem()

@@ -99,6 +99,7 @@ def by_casadi(ocp, given):
     return [np.array(ca.DM(v)) for v in whole(*given)]
 
 
+SCENARIOS = {"scenarios": Scenarios({"k": (9.0, 10.5)})}
 SWING = [np.array([0.4, -0.3]), np.array([1.7]), np.array([0.2])]
 
 
@@ -125,7 +126,7 @@ def test_steps_and_derivatives_are_those_written_out(monkeypatch, made, changed)
 
 def test_code_does_not_grow_with_the_steps():
     for made in (swing, car):
-        few, many = (program.source(problem(made, substeps=n)).splitlines() for n in (12, 120))
+        few, many = (program.source(problem(made, substeps=n)).splitlines() for n in (12, 36))
         assert len(few) == len(many)  # another number of steps, another length of one
 
 
@@ -154,7 +155,7 @@ def test_one_step_is_written_out(made):
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")
-@pytest.mark.parametrize("iterations", [0, 1])
+@pytest.mark.parametrize("iterations", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_car_plans_the_same(monkeypatch, iterations):
     solver = sa.RealTime(iterations=iterations)
     mpc = sa.MPC(**car(solver=solver))
@@ -173,6 +174,7 @@ def test_a_car_plans_the_same(monkeypatch, iterations):
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")
+@pytest.mark.slow
 def test_long_functions_are_compiled_with_less_effort_to_the_same_plan(monkeypatch):
     monkeypatch.setattr(compiler, "NATIVE", ("-O3", "-march=native"))  # without the optimiser there is no effort
     start = np.array([0.8, 0.0])
@@ -184,8 +186,15 @@ def test_long_functions_are_compiled_with_less_effort_to_the_same_plan(monkeypat
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")
-@pytest.mark.parametrize("qp", ["condensed", "riccati"])
-@pytest.mark.parametrize("changed", [{}, {"scenarios": Scenarios({"k": (9.0, 10.5)})}], ids=["alone", "scenarios"])
+@pytest.mark.parametrize(
+    ("qp", "changed"),
+    [
+        pytest.param("condensed", {}, id="condensed, alone"),
+        pytest.param("riccati", {}, id="riccati, alone", marks=pytest.mark.slow),
+        pytest.param("condensed", SCENARIOS, id="condensed, scenarios", marks=pytest.mark.slow),
+        pytest.param("riccati", SCENARIOS, id="riccati, scenarios"),
+    ],
+)
 def test_plans_are_the_same(monkeypatch, qp, changed):
     solver, start = sa.RealTime(iterations=0, qp=qp), np.array([0.8, 0.0])
     plan = sa.MPC(**swing(solver=solver, **changed)).plan(start, wind=0.1)

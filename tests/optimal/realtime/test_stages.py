@@ -25,7 +25,7 @@ KINKED = "steered, rate limit, delayed"
 QUICK = ["bicycle on the ground", "ARX, two inputs, delay, constant", "NARX"]
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "NARX")) for n in QUICK])
 def test_any_model_gives_ipopts_answer(name):
     assert compare(ALL_MODELS[name], range(4), steps=STEPS) >= 3
 
@@ -85,7 +85,7 @@ def quasi():
     return replace(car(horizon=6, solver=CONVERGED, steps=(1, 1, 1, 2, 2, 3)), model=model)
 
 
-@pytest.mark.parametrize("make", [wheels, quasi])
+@pytest.mark.parametrize("make", [wheels, pytest.param(quasi, marks=pytest.mark.slow)])
 def test_the_car_is_ipopts_too(make):
     mpc = make()
     ipopt, interpreted = replace(mpc, solver="ipopt"), InterpretedEngine(mpc.ocp, CONVERGED, None)
@@ -132,17 +132,25 @@ def drive(mpc, steps=40):
     return plans, float(np.sqrt(np.mean(np.square(errors))))
 
 
-def test_one_step_per_plan_tracks_as_converged_plans_and_as_a_long_uniform_horizon():
-    mpc = car(horizon=10, steps=(1, 1, 1, 1, 2, 2, 2, 4, 4, 4))
-    (fast, one), (_, converged), (_, uniform) = (
-        drive(m, 60) for m in (mpc, replace(mpc, solver=CONVERGED), car(horizon=22))
+@pytest.mark.parametrize(
+    ("steps", "uniform"),
+    [
+        ((1, 1, 1, 2, 2, 3), 10),
+        pytest.param((1, 1, 1, 1, 2, 2, 2, 4, 4, 4), 22, marks=pytest.mark.slow),
+    ],
+)
+def test_one_step_per_plan_tracks_as_converged_plans_and_as_a_long_uniform_horizon(steps, uniform):
+    mpc = car(horizon=len(steps), steps=steps)
+    (fast, one), (_, converged), (_, alike) = (
+        drive(m, 60) for m in (mpc, replace(mpc, solver=CONVERGED), car(horizon=uniform))
     )
     assert {p.status for p in fast[1:]} == {Status.REAL_TIME}
     assert all(p.residual <= 1e-2 for p in fast[1:])
     assert one <= 1.1 * converged
-    assert one <= 1.1 * uniform
+    assert one <= 1.1 * alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limited", [False, True])
 def test_without_a_compiler_the_drive_is_the_same(monkeypatch, limited):
     """With limits on inputs only, and with rates too: two ways through the code without a compiler."""

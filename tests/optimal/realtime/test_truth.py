@@ -210,6 +210,7 @@ def swings(seeds, force=15.0):
 
 
 @pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+@pytest.mark.slow
 def test_cold_swing_ups_end_where_ipopts_do():
     assert swings(range(8)) == (0, 0)
 

@@ -41,11 +41,11 @@ def pushed(pole, horizon, dt, weight):
 @pytest.mark.parametrize(
     ("pole", "horizon", "dt", "known"),
     [
-        (3.0, 20, 0.1, True),
-        (8.0, 30, 0.1, False),
+        pytest.param(3.0, 20, 0.1, True, marks=pytest.mark.slow),
+        pytest.param(8.0, 30, 0.1, False, marks=pytest.mark.slow),
         (6.0, 30, 0.15, False),
-        (5.0, 50, 0.1, False),
-        (40.0, 20, 0.05, False),
+        pytest.param(5.0, 50, 0.1, False, marks=pytest.mark.slow),
+        pytest.param(40.0, 20, 0.05, False, marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize("weight", [1.0, 1e-4])
@@ -66,7 +66,10 @@ def test_what_is_named_solved_is_the_optimum(pole, horizon, dt, known, weight, s
 
 @needs_compiler
 @pytest.mark.parametrize("disturbed", [0.0, 1e-3])
-@pytest.mark.parametrize(("pole", "horizon", "dt"), [(6.0, 30, 0.15), (20.0, 20, 0.05), (27.0, 20, 0.05)])
+@pytest.mark.parametrize(
+    ("pole", "horizon", "dt"),
+    [(6.0, 30, 0.15), *(pytest.param(p, 20, 0.05, marks=pytest.mark.slow) for p in (20.0, 27.0))],
+)
 @pytest.mark.parametrize("qp", ["auto", "riccati"])
 def test_in_a_loop_such_plans_stay_the_optimum(pole, horizon, dt, disturbed, qp):
     """From plan to plan by real-time iterations; states grow by five hundred million to five hundred billion times."""
@@ -93,7 +96,10 @@ def test_where_rounding_leaves_no_optimum_going_on_from_a_plan_says_so():
 
 
 @pytest.mark.parametrize("solver", WAYS[:1])
-@pytest.mark.parametrize(("pole", "start", "guessed"), [(20.0, 1e-7, False), (20.0, 0.1, True), (50.0, 1e-7, False)])
+@pytest.mark.parametrize(
+    ("pole", "start", "guessed"),
+    [(20.0, 1e-7, False), (20.0, 0.1, True), pytest.param(50.0, 1e-7, False, marks=pytest.mark.slow)],
+)
 def test_where_rounding_leaves_no_optimum_none_is_named_solved(pole, start, guessed, solver):
     """The last digit of an input moves the end by more than the plan: states grow by exp(40) and exp(100)."""
     mpc, _, _ = pushed(pole, 40, 0.05, 1e-6)
@@ -117,7 +123,7 @@ def growing(x, u, p):
     ("rates", "states", "horizon", "dt", "start"),
     [
         (cubic, ("s",), 100, 0.01, [3.9]),
-        (cubic, ("s",), 200, 0.01, [-3.0]),
+        pytest.param(cubic, ("s",), 200, 0.01, [-3.0], marks=pytest.mark.slow),
         (growing, ("s", "v"), 100, 0.05, [3.0, 1.0]),
     ],
 )

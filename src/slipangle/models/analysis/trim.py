@@ -46,7 +46,7 @@ class Motion:
         maker: Any = model
         self.values = np.array([maker.value(name) for name in names])
 
-        def build(kind: Any) -> tuple[ca.Function, ca.Function, ca.Function]:
+        def build(kind: Any) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function]:
             x, u, p = kind.sym("x", model.n_states), kind.sym("u", model.n_inputs), kind.sym("p", len(names))
             varied = maker.with_values(**{n: p[i] for i, n in enumerate(names)}) if names else maker
             nxt = varied.derivative(x, u) if rates is not None else varied.step(x, u)
@@ -57,18 +57,22 @@ class Motion:
                 slopes = [ca.densify(ca.jacobian(value, z)) for z in (x, u)]
                 return ca.Function(name, [x, u, p], [value, *slopes])
 
-            alone = ca.Function("next", [x, u, p], [ca.densify(nxt)])
-            return function("motion", nxt), function("seen", seen), alone
+            alone = (ca.Function(name, [x, u, p], [ca.densify(v)]) for name, v in (("next", nxt), ("shown", seen)))
+            return function("motion", nxt), function("seen", seen), *alone
 
         try:
-            self._motion, self._seen, self._next = build(ca.SX)
+            self._motion, self._seen, self._next, self._shown = build(ca.SX)
         except (RuntimeError, NotImplementedError, TypeError):
-            self._motion, self._seen, self._next = build(ca.MX)
+            self._motion, self._seen, self._next, self._shown = build(ca.MX)
         self._moves = np.array([s in moving(model) for s in model.states], dtype=bool)
 
     def many(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Value of f at many states, shape (n_states, n), with the inputs of one."""
         return np.asarray(self._next(x, u, self.values), dtype=float)
+
+    def at(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value of f, and outputs."""
+        return self._next(x, u, p).full()[:, 0], self._shown(x, u, p).full()[:, 0]
 
     def slopes(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Value of f and its derivatives by x and u; then outputs and theirs."""
@@ -116,19 +120,23 @@ class Motion:
         held = self._moves | np.array([n == "v_x" and v_x is not None for n in model.states], dtype=bool)
         moved, kept = np.flatnonzero(~held), np.flatnonzero(~self._moves)
 
-        def at(x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            value, by_x, by_u, seen, seen_x, seen_u = self.slopes(x, u, p)
+        def missed(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+            value, seen = self.at(x, u, p)
+            error = (value - x if self.dt else value)[kept]
+            return np.append(error, self._yaw_rate(x, seen) - (a_y / v_x if v_x else 0.0)) if turns else error
+
+        def slope(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+            _, by_x, by_u, _, seen_x, seen_u = self.slopes(x, u, p)
             if self.dt:
-                value, by_x = value - x, by_x - np.eye(len(x))
-            error, slope = value[kept], np.hstack([by_x[np.ix_(kept, moved)], by_u[np.ix_(kept, free)]])
+                by_x = by_x - np.eye(len(x))
+            rows = np.hstack([by_x[np.ix_(kept, moved)], by_u[np.ix_(kept, free)]])
             if turns:
-                rate, row = self._yaw_rate(x, seen, seen_x, seen_u)
-                error = np.append(error, rate - (a_y / v_x if v_x else 0.0))
-                slope = np.vstack([slope, np.append(row[0][moved], row[1][free])])
-            return error, slope
+                by_state, by_input = self._yaw_slope(seen_x, seen_u)
+                rows = np.vstack([rows, np.append(by_state[moved], by_input[free])])
+            return rows
 
         scale = np.concatenate([np.maximum(1.0, np.abs(x[moved])), [_size(n) for n in wanted]])
-        x, u, left = _newton(at, x, u, moved, free, scale)
+        x, u, left = _newton(missed, slope, x, u, moved, free, scale)
         if left > 1.0:
             pedal = next((n for n in model.inputs if n not in (*STEERING, "v_x")), "")
             given = f", or give the inputs that hold it, such as inputs={{'{pedal}': ...}}" if pedal else ""
@@ -139,16 +147,17 @@ class Motion:
             )
         return Trim(x=x, u=u, v_x=v_x, a_y=a_y)
 
-    def _yaw_rate(
-        self, x: np.ndarray, seen: np.ndarray, seen_x: np.ndarray, seen_u: np.ndarray
-    ) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
-        """Yaw rate, and its derivatives by x and u."""
+    def _yaw_rate(self, x: np.ndarray, seen: np.ndarray) -> float:
+        model = self.model
+        return float(x[model.states.index("r")] if "r" in model.states else seen[model.outputs.index("r")])
+
+    def _yaw_slope(self, seen_x: np.ndarray, seen_u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the yaw rate by x and u."""
         model = self.model
         if "r" in model.states:
-            i = model.states.index("r")
-            return float(x[i]), (np.eye(len(x))[i], np.zeros(model.n_inputs))
+            return np.eye(model.n_states)[model.states.index("r")], np.zeros(model.n_inputs)
         i = model.outputs.index("r")
-        return float(seen[i]), (seen_x[i], seen_u[i])
+        return seen_x[i], seen_u[i]
 
     def _checked(self, v_x: float | None, a_y: float, inputs: Mapping[str, float]) -> None:
         model = self.model
@@ -179,7 +188,7 @@ def _size(name: str) -> float:
 
 
 def _newton(
-    at: Any, x: np.ndarray, u: np.ndarray, moved: np.ndarray, free: np.ndarray, scale: np.ndarray
+    missed: Any, slope_at: Any, x: np.ndarray, u: np.ndarray, moved: np.ndarray, free: np.ndarray, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Smallest damped Newton steps until they vanish; and how far from that they ended, 1 being close enough."""
 
@@ -190,7 +199,7 @@ def _newton(
         return xz, uz
 
     z = np.zeros(len(scale))
-    error, slope = at(*go(z))
+    error, slope = missed(*go(z)), slope_at(*go(z))
     weight = 1.0 / np.maximum(np.linalg.norm(slope * scale, axis=1), 1e-12)
     size = np.inf
     for _ in range(_TRIES):
@@ -203,10 +212,10 @@ def _newton(
             break
         part, before = 1.0, np.linalg.norm(weight * error)
         while part > 1e-4:
-            error, slope = at(*go(z + part * step))
+            error = missed(*(tried := go(z + part * step)))
             if np.isfinite(error).all() and np.linalg.norm(weight * error) < before:
                 break
             part /= 2
-        z = z + part * step
-    rest = np.linalg.norm(weight * at(*go(z))[0], ord=np.inf) if len(error) else 0.0
+        z, slope = z + part * step, slope_at(*tried)
+    rest = np.linalg.norm(weight * missed(*go(z)), ord=np.inf) if len(error) else 0.0
     return *go(z), max(size / (100 * _CLOSE), float(rest) / (100 * _CLOSE))

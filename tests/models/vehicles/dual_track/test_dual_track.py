@@ -265,6 +265,7 @@ def test_fourth_order_in_the_step():
     assert error[1] < 1e-5 * np.abs(ends[64]).max()
 
 
+@pytest.mark.slow
 def test_euler_is_first_order():
     ends = {}
     for substeps in (8, 16, 32, 256):
@@ -509,7 +510,9 @@ def test_friction_over_distance_reaches_each_wheel_in_turn():
 
 
 @needs_compiler
-@pytest.mark.parametrize("params", CARS.values(), ids=CARS.keys())
+@pytest.mark.parametrize(
+    "params", [pytest.param(p, id=n, marks=[pytest.mark.slow] * (n == "Sousa")) for n, p in CARS.items()]
+)
 def test_whatever_the_driver_does_it_stays_finite(params):
     """Standstill, reverse, mass 20 % off, friction dropping to 0.5 or ice on one side, full lock, all pedals."""
     car = plant(params)
@@ -548,8 +551,16 @@ def test_reverse_mirrors_forward():
 
 
 @needs_compiler
-@pytest.mark.parametrize("params", CARS.values(), ids=CARS.keys())
-@pytest.mark.parametrize("rear", [PASSENGER_TIRE, LINEAR], ids=["same tires", "other tires"])
+@pytest.mark.parametrize(
+    ("params", "rear"),
+    [
+        *(pytest.param(p, PASSENGER_TIRE, id=f"{name}, same tires") for name, p in CARS.items()),
+        *(
+            pytest.param(p, LINEAR, id=f"{name}, other tires", marks=[pytest.mark.slow] * (name != "BMW"))
+            for name, p in CARS.items()
+        ),
+    ],
+)
 def test_compiled_equals_the_virtual_machine(params, rear):
     car = plant(params, rear=rear)
     rng = np.random.default_rng(1)
@@ -610,7 +621,10 @@ def test_varied_parameters_are_those_of_another_car():
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "value"), [("relaxation_y", 0.05), ("relaxation_x", 0.1), ("radius", 0.3)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("relaxation_y", 0.05), pytest.param("relaxation_x", 0.1, marks=pytest.mark.slow), ("radius", 0.3)],
+)
 def test_what_a_wheels_contact_reads_varies_too(name, value):
     """In one car and in many: a kernel that kept the relaxation of the car it was built of made small cars swing."""
     car = plant()
