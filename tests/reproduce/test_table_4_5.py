@@ -14,6 +14,7 @@ def data(real_data):
     return table_4_5.with_velocity(public("emps"))
 
 
+@pytest.mark.slow  # its state space is that of tests/identify/linear
 def test_black_box(data):
     train, test = data.split(0.6)
     box = replace(table_4_5.black_box(), order=3)

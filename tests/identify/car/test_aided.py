@@ -1,7 +1,7 @@
 """A car with steered rear wheels and torque vectoring, both by controllers of their own, from a log of it."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,48 +18,52 @@ from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle
-from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, STEERING, TRUE, multisine
+from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, SECONDS, STEERING, TRUE, multisine
 from tests.oracles import vehicles
 
 SCALE = 0.87  # of the moment that acts over the one that is logged
 REAR_LAG, MOMENT_LAG, MOST = 0.03, 0.05, 3000.0  # s, s, N m
 
 
-def rear_share(speed):
-    """Rear wheels turn against the front ones in slow bends and with them in fast ones."""
-    return -0.3 if speed < 15.0 else 0.3
+def logs(speeds, seeds, *, noise=1.0, seconds=SECONDS):
+    """Drives with multisine steering; rear wheels follow the front ones, and the moment an error of the yaw rate.
 
-
-def log(speed, seed, *, noise=1.0, seconds=16.0):
-    """A drive with multisine steering; rear wheels follow the front ones, and the moment an error of the yaw rate."""
-    rng, h = np.random.default_rng(seed), DT / FINE
-    t = np.arange(round(seconds / h)) * h
-    logged = 0.08 / speed * 12.0 * multisine(rng, t)
-    late = np.interp(t - STEERING["delay"], t, logged)
-    wheel, v_y, r, rear, moment, rows = 0.0, 0.0, 0.0, 0.0, 0.0, []
-    l_r = TRUE["wheelbase"] - TRUE["l_f"]
+    The rear wheels turn against the front ones in slow bends and with them in fast ones. All are driven at once, as
+    arrays.
+    """
+    rngs, h = [np.random.default_rng(seed) for seed in seeds], DT / FINE
+    t, speed = np.arange(round(seconds / h)) * h, np.array(speeds, dtype=float)
+    logged = np.array([0.08 / v * 12.0 * multisine(rng, t) for v, rng in zip(speeds, rngs, strict=True)])
+    late = np.array([np.interp(t - STEERING["delay"], t, angle) for angle in logged])
+    wheel, v_y, r, rear, moment = np.zeros((5, len(speed)))
+    l_r, rows = TRUE["wheelbase"] - TRUE["l_f"], []
+    share = np.where(speed < 15.0, -0.3, 0.3)
     for k in range(len(t)):
-        target = STEERING["gain"] * (late[k] - STEERING["offset"])
-        wheel += (target - wheel) * -np.expm1(-h / STEERING["lag"])
-        rear += (rear_share(speed) * wheel - rear) * h / REAR_LAG
+        target = STEERING["gain"] * (late[:, k] - STEERING["offset"])
+        wheel = wheel + (target - wheel) * -np.expm1(-h / STEERING["lag"])
+        rear = rear + (share * wheel - rear) * h / REAR_LAG
         wanted = wheel * speed / (TRUE["wheelbase"] * (1 + speed**2 / 900.0))
-        moment += (np.clip(16e3 * (wanted - r), -MOST, MOST) - moment) * h / MOMENT_LAG
+        moment = moment + (np.clip(16e3 * (wanted - r), -MOST, MOST) - moment) * h / MOMENT_LAG
         slip = wheel - (v_y + TRUE["l_f"] * r) / speed, rear - (v_y - l_r * r) / speed
         v_y_dot, r_dot, _ = vehicles.saturating_bicycle(TRUE, v_y, r, *slip, speed)
         if k % FINE == 0:
             rows.append((v_y, r, rear, moment))
         v_y, r = v_y + h * v_y_dot, r + h * (r_dot + SCALE * moment / TRUE["inertia_z"])
-    v_y, r, rear, moment = np.array(rows).T
-    seen = {
-        "v_y": v_y + noise * 0.02 * rng.standard_normal(len(r)),
-        "r": r + noise * 0.003 * rng.standard_normal(len(r)),
-    }
-    inputs = {"delta": logged[::FINE], "v_x": np.full(len(r), speed), "delta_r": rear, "M_z": moment}
-    return Dataset.from_arrays(inputs, seen, DT)
+    parts = []
+    for rng, v, angle, motion in zip(rngs, speeds, logged, np.array(rows).transpose(2, 1, 0), strict=True):
+        v_y, r, rear, moment = motion
+        seen = {
+            "v_y": v_y + noise * 0.02 * rng.standard_normal(len(r)),
+            "r": r + noise * 0.003 * rng.standard_normal(len(r)),
+        }
+        inputs = {"delta": angle[::FINE], "v_x": np.full(len(r), v), "delta_r": rear, "M_z": moment}
+        parts.append(Dataset.from_arrays(inputs, seen, DT))
+    return parts
 
 
-def drives(**how):
-    return join(*(log(speed, seed, **how) for seed, speed in enumerate((11.0, 14.0, 19.0, 25.0)))).hold_mean()
+@cache
+def drives(speeds=(11.0, 14.0, 19.0, 25.0), **how):
+    return join(*logs(speeds, range(len(speeds)), **how)).hold_mean()
 
 
 def test_stiffness_inertia_and_the_scale_of_the_moment_are_found():
@@ -88,7 +92,7 @@ def test_stiffness_inertia_and_the_scale_of_the_moment_are_found():
 )
 def test_rear_wheels_logged_with_another_sign_or_unit_are_named(factor, said):
     """The sign showed nowhere but as front wheels that turn 2.5 times; degrees as stiffness that no tire has."""
-    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    data = drives((11.0, 22.0))
     data = data.with_channel("delta_r", factor * data["delta_r"], "rad")
     whole = stretches(data, 1.0)
     start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
@@ -100,7 +104,7 @@ def test_rear_wheels_logged_with_another_sign_or_unit_are_named(factor, said):
 
 
 def test_rear_wheels_logged_late_are_named():
-    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    data = drives((11.0, 22.0))
     parts = []
     for part in data.experiments:
         t = np.arange(part.n_samples) * DT
@@ -131,7 +135,7 @@ def test_the_scale_of_the_rear_wheels_is_found(factor, known):
 
 def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
     """Behind front ones that they follow everywhere alike, no sign of theirs is better than another."""
-    data = join(*(log(12.0, seed) for seed in (0, 1))).hold_mean()
+    data = drives((12.0, 12.0))
     data = data.with_channel("delta_r", -0.3 * STEERING["gain"] * data["delta"], "rad")
     start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
     whole, fitted = stretches(data, 1.0), partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))
@@ -140,7 +144,7 @@ def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
 
 def test_rear_wheels_that_have_nothing_to_do_with_the_car_are_not_taken_for_degrees():
     """An angle that stays at 0.6 degrees was said to be logged in degrees: the smaller it is read, the better."""
-    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    data = drives((11.0, 22.0))
     data = data.with_channel("delta_r", np.full(data.n_samples, 0.01), "rad")
     start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
     fitted = partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))

@@ -1,5 +1,7 @@
 """A car that brakes into its bends and drives off out of them is the same car as one that keeps its speed."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,7 @@ def held(C, load, along, alpha):
     return left * most * np.sin(1.4 * np.arctan(C / (1.4 * most) * alpha))
 
 
+@cache
 def drive(seed, brakes=3.5, outputs=("v_y", "r"), noise_v_x=0.03):
     """A bicycle by Euler steps of 2 ms, with noise; braking in m/s2.
 

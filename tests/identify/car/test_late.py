@@ -12,15 +12,15 @@ from slipangle.identify.car.corrections import SPEED
 from slipangle.identify.car.late import beside, late, with_lateness
 from slipangle.identify.car.sentences import speed
 from slipangle.identify.car.structures import STIFF, first_guess, fit
-from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE, log
+from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE
+from tests.identify.car.test_identify_car import drives as of_car
 
 AT_ONCE = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
 
 
 def drives(outputs=OUTPUTS, **behind):
     """Six drives at speeds of their own, channels ``behind`` by so many seconds."""
-    how = dict(seconds=8.0, steering=AT_ONCE, outputs=outputs)
-    parts = [log(v, k, **how).hold_mean() for k, v in enumerate((9, 13, 17, 21, 25, 29))]
+    parts = of_car((9, 13, 17, 21, 25, 29), steering=AT_ONCE, outputs=outputs).experiments
     for name, seconds in behind.items():
         n = round(seconds / DT)
         parts = [p.with_channel(name, np.append(np.full(n, p[name][0]), p[name][:-n]), p.unit(name)) for p in parts]

@@ -29,6 +29,7 @@ def test_it_is_found_and_leaves_inertia_and_steering_as_they_are():
     assert float(said.split("by ")[1].split(" %")[0]) == pytest.approx(100 * 1.2e5 * 0.8**2 / across, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_sensor_away_from_the_centre_of_gravity_is_not_taken_for_it():
     """v_y measured ahead does the same to v_y and nothing to the yaw rate."""
     data = drives()

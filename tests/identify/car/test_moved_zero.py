@@ -1,31 +1,47 @@
 """A steering whose zero moves in mid log: found, said with time and size, put back; none where it stays."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
+from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.moved_zero import moved_zero
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, first_guess, fit
-from tests.identify.car.test_identify_car import KNOWN, STEERING, TRUE, log
+from tests.identify.car.test_identify_car import KNOWN, STEERING, TRUE, logs
 
 JUMP = np.deg2rad(1.2)  # rad of delta
 
 
+@cache
+def still(seconds):
+    """A recording whose zero stays: drives of two stretches of the fit, one behind the other."""
+    parts = logs([16.0] * round(seconds / 8.0), range(round(seconds / 8.0)), seconds=8.0)
+    inputs, outputs = (
+        {n: np.concatenate([part[n] for part in parts]) for n in names} for names in (parts[0].inputs, parts[0].outputs)
+    )
+    return Dataset.from_arrays(inputs, outputs, parts[0].dt)
+
+
+@cache
+def short(count):
+    """Recordings whose zeros stay."""
+    return logs([8.0 + 2.0 * k for k in range(count)], range(count), seconds=8.0)
+
+
 def one(after=None, seconds=72.0):
     """A recording whose zero is another from so many seconds on."""
-    data = log(16.0, 3, seconds=seconds)
+    data = still(seconds)
     moved = JUMP * (data.t >= (seconds if after is None else after))
     return data.with_channel("delta", data["delta"] + moved, "rad").hold_mean()
 
 
 def several(jumps):
     """Nine short ones, with such offsets of their own, as shares of a jump."""
-    parts = [log(8.0 + 2.0 * k, k, seconds=8.0) for k in range(len(jumps))]
-    return join(
-        *(p.with_channel("delta", p["delta"] + share * JUMP, "rad") for p, share in zip(parts, jumps, strict=True))
-    ).hold_mean()
+    parts = zip(short(len(jumps)), jumps, strict=True)
+    return join(*(p.with_channel("delta", p["delta"] + share * JUMP, "rad") for p, share in parts)).hold_mean()
 
 
 def found_in(data, own=()):
@@ -36,9 +52,14 @@ def found_in(data, own=()):
     return moved_zero(fit(start, free, cut, own=own), cut)
 
 
+@cache
+def found_within(own=()):
+    return found_in(one(after=31.0), own)
+
+
 @pytest.mark.parametrize("own", [(), ("steering_offset",)])
 def test_within_a_recording_it_is_found_to_a_second(own):
-    found = found_in(one(after=31.0), own)
+    found = found_within(own)
     assert found.t == pytest.approx(31.0, abs=1.0)
     assert found.by == pytest.approx(JUMP, rel=0.1)
     assert not found.first
@@ -48,7 +69,7 @@ def test_within_a_recording_it_is_found_to_a_second(own):
 
 
 def test_what_was_logged_after_it_is_put_back():
-    data, found = one(after=31.0), found_in(one(after=31.0))
+    data, found = one(after=31.0), found_within()
     back = found.without(data)
     far = np.abs(data.t - 31.0) > 1.0
     assert back["delta"][far] == pytest.approx(one()["delta"][far], abs=0.1 * JUMP)

@@ -11,12 +11,13 @@ from slipangle.identify.car.play import in_words, taken_up
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
 from tests.identify.car.test_identify_car import KNOWN, log
+from tests.identify.car.test_identify_car import drives as of_car
 
 WIDTH = np.deg2rad(1.0)
 
 
 def drives(outputs):
-    return join(*(log(speed, seed, outputs=outputs) for seed, speed in enumerate((10.0, 16.0, 22.0)))).hold_mean()
+    return of_car((10.0, 16.0, 22.0), outputs=outputs, seconds=16.0)
 
 
 def logged_before(data, width):

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
 from slipangle.identify.car.corrections import LOCKED
 from slipangle.identify.car.rack import changing, with_rack
 from slipangle.identify.car.structures import STIFF
-from tests.identify.car.test_identify_car import log
+from tests.identify.car.test_identify_car import drives as of_car
 from tests.identify.car.test_late import AT_ONCE, fitted
 
 NODES = np.linspace(0.0, 0.12, 61)  # rad
@@ -17,8 +16,7 @@ NODES = np.linspace(0.0, 0.12, 61)  # rad
 
 def drives(share, largest=0.06):
     """As logged before a rack that turns the wheels so much more at ``largest`` than straight ahead, in the middle."""
-    parts = [log(v, k, seconds=8.0, steering=AT_ONCE).hold_mean() for k, v in enumerate((9, 13, 17, 21, 25, 29))]
-    data = join(*parts)
+    data = of_car((9, 13, 17, 21, 25, 29), steering=AT_ONCE)
     z = np.minimum(NODES / largest, 1.0)
     road = NODES * (1.0 + share * z * z * (3.0 - 2.0 * z))
     angle = data["delta"]

@@ -17,7 +17,7 @@ from slipangle.identify.car.uncertainty import covariance
 from slipangle.models.model import FitInfo
 from slipangle.models.storage import load, save
 from slipangle.workflow.kinds import KINDS, check_entries
-from tests.identify.car.test_identify_car import DT, KNOWN, STEERING, TRUE, drives, log
+from tests.identify.car.test_identify_car import DT, KNOWN, STEERING, TRUE, drives, log, logs
 
 # Offset of the steering, biases of r and v_y, and speeds; the third day is not fitted to.
 DAYS = ((0.010, 0.020, 0.05), (-0.015, -0.010, -0.08), (0.004, 0.005, 0.0))
@@ -32,15 +32,15 @@ def day(k, **how):
     """Drives of one day, with the zeros that its sensors had."""
     offset, bias_r, bias_v_y = DAYS[k]
     steering = STEERING | {"offset": offset}
-    drives = (log(v, 10 * k + i, steering=steering, **how) for i, v in enumerate(SPEEDS[k]))
-    data = join(*drives, name=f"day {k}").hold_mean()
+    seeds = range(10 * k, 10 * k + len(SPEEDS[k]))
+    data = join(*logs(SPEEDS[k], seeds, steering=steering, seconds=16.0, **how), name=f"day {k}").hold_mean()
     return data.with_channel("r", data["r"] + bias_r, "rad/s").with_channel("v_y", data["v_y"] + bias_v_y, "m/s")
 
 
 def prompt(speed, seed, offset=0.0, **how):
     """A drive without noise, delay or lag, of little amplitude."""
     steering = dict(delay=0.0, lag=1e-9, gain=1.0, offset=offset)
-    return log(speed, seed, noise=0.0, amplitude=0.01, steering=steering, **how).hold_mean()
+    return log(speed, seed, noise=0.0, amplitude=0.01, steering=steering, seconds=5.0, **how).hold_mean()
 
 
 def quiet(offsets, biases=(0.0, 0.0)):
@@ -103,8 +103,8 @@ def test_slopes_of_the_road_and_biases_of_a_y_are_found_for_each():
 
 def test_a_channel_that_only_one_log_has_is_asked_for():
     with pytest.raises(MissingColumnError, match=r"has an output a_y and .* has none; expected all logs to have it"):
-        identify_car([log(14.0, 0, outputs=ALL), log(18.0, 1)], **KNOWN)
-    level = log(14.0, 0)
+        identify_car([log(14.0, 0, outputs=ALL, seconds=1.0), log(18.0, 1, seconds=1.0)], **KNOWN)
+    level = log(14.0, 0, seconds=1.0)
     sloped = Dataset.from_arrays(
         {n: level[n] for n in ("delta", "v_x")} | {"bank": 0.01 * np.ones(len(level))},
         {n: level[n] for n in ("v_y", "r")},
@@ -127,7 +127,7 @@ def test_masses_are_found_beside_the_first_which_was_given(monkeypatch):
 
 
 def test_a_recording_with_a_gap_is_one_and_experiments_of_one_data_set_are_several():
-    a, b = drives().experiments[:2]
+    a, b = drives(seconds=16.0).experiments[:2]
     gap = join(a.rows(0, 300), a.rows(400, 800))
     numbered = [part.with_channel(RECORDING, np.full(len(part), float(k))) for k, part in enumerate((gap, b))]
     assert recordings(join(*numbered)) == (0, 0, 1)
@@ -137,9 +137,16 @@ def test_a_recording_with_a_gap_is_one_and_experiments_of_one_data_set_are_sever
     assert set(recordings(stretches(join(gap, b), 2.0).all)) == {0, 1, 2}
 
 
+def again(data, times):
+    """The same drive so many times in a row."""
+    inputs, outputs = ({n: np.tile(data[n], times) for n in names} for names in (data.inputs, data.outputs))
+    return Dataset.from_arrays(inputs, outputs, data.dt)
+
+
 @pytest.mark.parametrize(("seconds", "tried"), [(45.0, True), (25.0, False)])
 def test_offsets_are_tried_where_recordings_last_as_long_as_sessions(seconds, tried):
-    parts = [log(14.0 + k, k, seconds=seconds, noise=0.0) for k in range(3)]
+    shorter = logs((14.0, 15.0, 16.0), range(3), seconds=seconds / 5, noise=0.0)
+    parts = [again(part, 5) for part in shorter]
     listed = corrections(stretches(join(*parts), 2.0).train, KNOWN["wheelbase"], None)
     assert any(c.own == ("steering_offset",) for c in listed) == tried
     assert not any(c.own for c in corrections(parts[0], KNOWN["wheelbase"], None))

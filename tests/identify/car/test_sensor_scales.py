@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
 from slipangle.identify.car.climb import linear_bicycle
 from slipangle.identify.car.corrections import LEVER, LOCKED, SCALE, SPEED, Correction
 from slipangle.identify.car.effects import outdone, told
@@ -17,7 +16,7 @@ from slipangle.identify.car.sensors import of_either_scale, scales, sensors
 from slipangle.identify.car.side_slip import side_slip
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
-from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, STEERING, TRUE, drives, log
+from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, STEERING, TRUE, drives
 
 AT_ONCE = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
 GUESS = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0)
@@ -114,7 +113,7 @@ def test_beside_a_scale_a_place_counts_from_a_twentieth_of_the_wheelbase(begun):
 
 @pytest.mark.parametrize("speeds", [(9, 13, 17, 21, 25, 29), (17, 17, 17)])
 def test_a_side_slip_angle_is_told_at_any_speeds_and_a_speed_is_none(speeds):
-    data = join(*(log(v, k, seconds=8.0).hold_mean() for k, v in enumerate(speeds)))
+    data = drives(speeds)
     angle = read(data, "v_y", lambda d: np.arctan(d["v_y"] / d["v_x"]))
     small = read(data, "v_y", lambda d: 0.3 * d["v_y"])  # as small as an angle
 

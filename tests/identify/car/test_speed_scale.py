@@ -17,10 +17,10 @@ def scaled(gain, **how):
     return data.with_channel("v_x", data["v_x"] / gain, "m/s")
 
 
-@pytest.mark.parametrize(("gain", "word"), [(0.94, "large"), (1.07, "small")])
+@pytest.mark.parametrize(("gain", "word"), [(0.94, "large"), pytest.param(1.07, "small", marks=pytest.mark.slow)])
 def test_it_is_said_with_its_scale_and_intervals_hold(gain, word):
     """Wheels of another radius: stiffness is off by as much or twice as much, beside an interval of a few percent."""
-    found = identify_car(scaled(gain), **KNOWN)
+    found = identify_car(scaled(gain, seconds=16.0), **KNOWN)
     (said,) = (s for s in found.sentences if s.startswith("v_x is logged"))
     assert f" % too {word}, or r is too {word} (a gyro's scale), as the motion across tells" in said
     assert float(re.search(r"a scale of ([0-9.]+)", said)[1]) == pytest.approx(gain, abs=0.02)

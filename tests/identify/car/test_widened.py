@@ -11,7 +11,7 @@ from slipangle.identify.car.uncertainty import covariance
 from slipangle.identify.car.widened import limits_of, too_coarse, yaw_time
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
-from tests.identify.car.test_identify_car import DT, KNOWN, TRUE, log
+from tests.identify.car.test_identify_car import DT, KNOWN, TRUE, logs
 
 QUICK = TRUE | dict(mass=270.0, inertia_z=140.0, wheelbase=1.55, l_f=0.82, C_f=2.4e4, C_r=3.3e4)
 FREE = (*STIFF, "steering_offset", "steering_gain", "delay_delta", "steering_lag")
@@ -19,11 +19,7 @@ FREE = (*STIFF, "steering_offset", "steering_gain", "delay_delta", "steering_lag
 
 def found(*, dt=DT, true=TRUE, outputs=("v_y", "r"), more=lambda data: data.hold_mean()):
     """A car fitted to three drives, sampled each ``dt``; its tires bend as they do."""
-    parts = [
-        log(v, seed, outputs=outputs, true=true, noise=0.3, amplitude=0.04, seconds=9.0)
-        for seed, v in enumerate((9.0, 13.0, 17.0))
-    ]
-    data = join(*parts)
+    data = join(*logs((9.0, 13.0, 17.0), range(3), outputs=outputs, true=true, noise=0.3, amplitude=0.04, seconds=9.0))
     data = more(data if dt == DT else data.resample(dt))
     known = {name: true[name] for name in KNOWN}
     guess = first_guess(**known, dt=dt, outputs=outputs, gain=1.0).with_values(mu_f=true["mu_f"], mu_r=true["mu_r"])

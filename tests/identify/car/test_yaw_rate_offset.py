@@ -3,6 +3,8 @@
 Without that the linear bicycle explains it with tires of a thousandth of any car's stiffness, and never comes back.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from benchmarks.foreign_cars import fleet, judge
@@ -17,9 +19,15 @@ from slipangle.identify.car.structures import corrected
 CAR, OUTPUTS = "van", ("r",)
 
 
-def log(offset):
+@cache
+def sound():
     """Twelve drives of a made van, its yaw rate alone, with noise."""
-    data = judge.seen_of(fleet.make(CAR).train(3), OUTPUTS).hold_mean()
+    return judge.seen_of(fleet.make(CAR).train(3), OUTPUTS).hold_mean()
+
+
+def log(offset):
+    """The same with an offset of the yaw rate."""
+    data = sound()
     return data.with_channel("r", data["r"] + offset, "rad/s")
 
 

@@ -83,7 +83,7 @@ def running(seed, *, n_records=10, n=60, delay=LATE, dt=0.1):
 def test_records_cut_from_a_running_system(form, delay):
     """Nobody knows the input before them, and their first states tell of the lag."""
     truth = np.array([GAIN, LAG, delay][: 2 + ("D" in form)])
-    infos = [ProcessModel(form=form).fit(running(seed, delay=delay)).fit_info for seed in range(8)]
+    infos = [ProcessModel(form=form).fit(running(seed, delay=delay)).fit_info for seed in range(4)]
     off = np.array([(info.values - truth) / info.std for info in infos])
     assert np.sqrt(np.mean(off**2)) < 1.5
     assert {info.n_samples for info in infos} == {500 if "D" in form else 600}

@@ -310,15 +310,29 @@ def scattered(settings, n, seeds, excited):
     return np.array(errors), np.mean(noise)
 
 
-@pytest.mark.parametrize("forget", ["directional", "everywhere"])
+def bends(k):
+    """Bends and straights."""
+    return np.where(k // 100 % 2, 0.05, 1.0)
+
+
 @pytest.mark.parametrize(
-    ("forgetting", "n", "excited"),
+    ("forgetting", "n", "excited", "forget"),
     [
-        (1.0, 300, np.ones_like),
-        pytest.param(0.995, 700, np.ones_like, marks=pytest.mark.slow),
-        (0.98, 400, np.ones_like),
-        (0.98, 60, np.ones_like),  # hardly anything is forgotten yet
-        (0.98, 450, lambda k: np.where(k // 100 % 2, 0.05, 1.0)),  # bends and straights
+        (1.0, 300, np.ones_like, "directional"),
+        (0.98, 400, np.ones_like, "everywhere"),
+        (0.98, 60, np.ones_like, "directional"),  # hardly anything is forgotten yet
+        (0.98, 450, bends, "directional"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (1.0, 300, np.ones_like, "everywhere"),
+                (0.995, 700, np.ones_like, "directional"),
+                (0.995, 700, np.ones_like, "everywhere"),
+                (0.98, 400, np.ones_like, "directional"),
+                (0.98, 60, np.ones_like, "everywhere"),
+                (0.98, 450, bends, "everywhere"),
+            )
+        ),
     ],
 )
 def test_intervals_hold_what_they_say_with_forgetting_too(forgetting, n, excited, forget):

@@ -198,8 +198,14 @@ def test_subspace_is_exact_on_clean_data_and_finds_the_order(n, nu, ny, algorith
     assert suggest_order(open_order.singular_values) == n
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1])
-@BY_SIZE
+@pytest.mark.parametrize(
+    ("n", "nu", "ny", "noise"),
+    [
+        *((*size, 0.0) for size in SIZES),
+        *((*size, 0.1) for size in SIZES[:-2]),
+        *(pytest.param(*size, 0.1, marks=pytest.mark.slow) for size in SIZES[-2:]),
+    ],
+)
 def test_subspace_agrees_with_slicot(n, nu, ny, noise):
     m = system(n, nu, ny, 3 * n, gain=0.1)
     data, _ = record(m, 2500, n, noise=noise * np.std(markov(m)) * 3)
@@ -395,7 +401,15 @@ def spent(monkeypatch):
 
 
 @pytest.mark.parametrize("focus", ["prediction", "simulation"])
-@pytest.mark.parametrize(("experiments", "samples"), [(1, 1400), (1, 500), (4, 350), (7, 1400)])
+@pytest.mark.parametrize(
+    ("experiments", "samples"),
+    [
+        (1, 500),
+        (7, 1400),
+        pytest.param(1, 1400, marks=pytest.mark.slow),
+        pytest.param(4, 350, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.filterwarnings("ignore::slipangle.errors.ModelWarning")
 def test_choosing_an_order_costs_at_most_five_fits(focus, experiments, samples, spent):
     for seed in range(4):

@@ -86,8 +86,18 @@ def drifting(kind, samples, seed):
     return Dataset.from_arrays({"u": data.u[:, 0]}, {"y": y}, data.dt)
 
 
-@pytest.mark.parametrize("kind", ["random walk", "ramp", "step", "growing", "level"])
-@pytest.mark.parametrize("samples", [700, 2000])
+@pytest.mark.parametrize(
+    ("kind", "samples"),
+    [
+        ("random walk", 700),
+        ("ramp", 700),
+        ("step", 2000),
+        ("growing", 700),
+        ("level", 700),
+        *(pytest.param(kind, 2000, marks=pytest.mark.slow) for kind in ("random walk", "ramp", "growing", "level")),
+        pytest.param("step", 700, marks=pytest.mark.slow),
+    ],
+)
 def test_what_drifts_is_not_taken_for_unstable(kind, samples):
     for seed in range(3):
         data = drifting(kind, samples, seed)

@@ -92,7 +92,7 @@ def test_records_cut_from_a_running_system():
     name = "one pole"
     truth = np.array([2.5, 2.0, 0.1225])
     off = []
-    for seed in range(6):
+    for seed in range(3):
         whole = log(name, seed, noise=0.05)
         cut = sa.join(*[whole.rows(a + 48, a + 98) for a in range(0, 800, 100)])
         info = settings(name).fit(cut).fit_info

@@ -3,6 +3,7 @@
 import json
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def ensemble():
 def test_physics_that_nobody_fitted_is_fitted_before_a_network_is_judged_beside_it():
     """As it was given it fits the yaw rate far worse, and came back as 'better alone'."""
     wrong = replace(CAR, params=PARAMS.with_values(C_f=0.6 * PARAMS.C_f, inertia_z=1.6 * PARAMS.inertia_z))
-    data, unseen = noisy(600), noisy(300, seed=4)
+    data, unseen = noisy(400), noisy(300, seed=4)
     settings = Joint(**TINY | {"start": wrong, "free": ("C_f", "C_r", "inertia_z")})
     found = settings.fit(data)
     assert score(wrong.simulate(unseen), "r").rmse > 0.04  # where the noise is 0.02
@@ -52,6 +53,19 @@ def test_where_the_physics_is_right_it_comes_back_and_says_so(ensemble):
     for trial in ensemble.fit_info.trials:
         assert trial.note.startswith("the network is off: on manoeuvres unlike those it was trained on it changed the")
     assert [trial.note for trial in ensemble.fit_info.trials] == list(ensemble.fit_info.warnings)
+
+
+WORSE = replace(CAR, params=PARAMS.with_values(C_f=0.6 * PARAMS.C_f))
+
+
+@pytest.mark.parametrize(("physics", "with_network", "off"), [(WORSE, CAR, False), (CAR, WORSE, True)])
+def test_a_network_stays_where_it_is_better_on_what_it_was_not_trained_on(physics, with_network, off, monkeypatch):
+    trained = SimpleNamespace(run=lambda *_: with_network, alone=lambda model, note: note)
+    monkeypatch.setattr(Joint, "_problem", lambda *_: trained)
+    data = noisy(400)
+    signals = np.column_stack([data["v_x"], data["v_x"] * data["r"]])
+    (judged,) = Joint(**TINY)._judged(physics, data, signals, SimpleNamespace(part=0))
+    assert (judged is not None) == off
 
 
 def test_the_physics_that_comes_back_is_saved_and_read(ensemble, tmp_path):

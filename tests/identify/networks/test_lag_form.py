@@ -84,7 +84,7 @@ def test_between_scaled_signals_it_is_the_same():
     assert in_scaled(model, u, y).simulate(in_units(data, u, y)).y * y.factor + y.offset == pytest.approx(plain)
 
 
-@pytest.mark.parametrize("late", [0, 20])
+@pytest.mark.parametrize("late", [0, pytest.param(20, marks=pytest.mark.slow)])
 def test_of_a_linear_system_with_noise_the_network_starts_from_the_best_linear_model(late):
     """Half as much noise as signal: ARX and output error of the lags that suit ARX lose several points."""
     one = StateSpaceModel(

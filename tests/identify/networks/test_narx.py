@@ -159,10 +159,10 @@ def test_where_noise_biases_arx_the_start_is_the_output_error_model():
 def test_a_trial_whose_free_run_grows_beyond_all_bounds_costs_no_finite_sum_and_no_warning():
     u = np.random.default_rng(0).standard_normal(300)
     data = Dataset.from_arrays({"u": u}, {"y": lfilter([0.0, 0.5], [1.0, -0.8], u)}, 0.1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        start = NARX(na=1, nb=1, hidden=(2,), stages=(Stage(horizon=1, epochs=2, learning_rate=1e-3),))
-        model = start.fit(data)
+    start, su, sy = NARX(na=1, nb=1, hidden=(2,)), Scaling.standard(data.u), Scaling.standard(data.y)
+    units = windows.in_units(data, su, sy)
+    channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
+    model = start._model(start._initial(0, 1, 1, start._linear(units, units)), su, sy, None, channels)
     with adam.precision("double"):
         polish = _Polish(FreeRunNARX(start=start), model, data, None)
         assert np.isfinite(polish.cost(polish.net.parameters))
@@ -235,7 +235,7 @@ def test_every_seed_is_kept_and_the_best_wins():
     assert f"seed {best.seed} of 3" in model.fit_info.method
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("precision", [pytest.param("single", marks=pytest.mark.slow), "double"])
 def test_score_is_the_free_run_error_of_the_held_out_part(precision):
     data = mimo()
     model = NARX(na=2, nb=1, nk=3, hidden=(10,), stages=QUICK, precision=precision).fit(data)
@@ -277,18 +277,28 @@ def test_windows_stay_inside_their_experiment():
     data = join(narendra.estimation(30, seed=0), narendra.estimation(12, seed=1), narendra.estimation(20, seed=2))
     rows = windows.window_starts(data, 3, 10)
     assert rows.tolist() == [*range(3, 21), *range(45, 53)]
+
+
+@pytest.mark.slow
+def test_experiments_of_few_samples_are_enough():
+    data = join(narendra.estimation(30, seed=0), narendra.estimation(12, seed=1), narendra.estimation(20, seed=2))
     model = NARX(**SMALL, holdout=0.3).fit(data)
     assert model.simulate(data).predicted.sum() == 62 - 9
 
 
-@pytest.mark.parametrize("horizon", [1, 7])
-def test_loss_is_the_error_of_restarted_free_runs(horizon):
-    """The loss over windows equals free runs of the finished model from each start, in double precision."""
-    data = mimo(60)
+def briefly_trained(data, horizon):
+    """In double precision."""
     stage = Stage(horizon=horizon, epochs=1, learning_rate=1e-3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        model = NARX(na=2, nb=2, nk=2, hidden=(6,), stages=(stage,), holdout=0.0, precision="double").fit(data)
+        return NARX(na=2, nb=2, nk=2, hidden=(6,), stages=(stage,), holdout=0.0, precision="double").fit(data)
+
+
+@pytest.mark.parametrize("horizon", [pytest.param(1, marks=pytest.mark.slow), 7])
+def test_loss_is_the_error_of_restarted_free_runs(horizon):
+    """The loss over windows equals free runs of the finished model from each start, in double precision."""
+    data = mimo(60)
+    model = briefly_trained(data, horizon)
     rows = windows.window_starts(data, 3, horizon)[::4]
     errors = []
     for k in rows:
@@ -327,7 +337,7 @@ def test_jax_settings_stay_and_weights_are_numpy():
     import jax
 
     before = jax.numpy.zeros(1).dtype
-    model = NARX(**SMALL, precision="double").fit(narendra.estimation(200))
+    model = briefly_trained(mimo(60), 7)
     assert jax.numpy.zeros(1).dtype == before
     assert all(type(a) is np.ndarray and a.dtype == float for a in (*model.network.weights, *model.network.biases))
 
@@ -339,7 +349,7 @@ def test_importing_the_estimator_does_not_import_jax():
 
 def test_progress_rises_to_one():
     told = []
-    NARX(**SMALL, seeds=(0, 1)).fit(narendra.estimation(200), progress=lambda share, what: told.append((share, what)))
+    NARX(**SMALL, seeds=(0, 1)).fit(narendra.estimation(300), progress=lambda share, what: told.append((share, what)))
     shares = [s for s, _ in told]
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1.0)

@@ -45,8 +45,13 @@ def quick(data, **more):
 @pytest.fixture(scope="module")
 def spring():
     return NeuralStateSpace(order=2, hidden=(16,), stages=(Stage(horizon=20, epochs=400, learning_rate=5e-3),)).fit(
-        duffing()
+        duffing(800)
     )
+
+
+@pytest.fixture(scope="module")
+def without_gain():
+    return quick(duffing(200), gain_stages=())
 
 
 def test_finds_the_hidden_state_of_a_nonlinear_spring(spring):
@@ -137,8 +142,8 @@ def test_an_open_order_is_that_of_the_linear_state_space():
     assert len(choice.refined) <= 5
 
 
-def test_no_gain_on_request():
-    model = quick(duffing(200), gain_stages=())
+def test_no_gain_on_request(without_gain):
+    model = without_gain
     assert not model.gain.any()
     data = duffing(60, seed=3)
     assert model.predict(data, 1).y == pytest.approx(model.simulate(data).y, rel=1e-12)
@@ -172,8 +177,8 @@ def test_constant_input():
         quick(duffing(200).with_channel("F", np.ones(200)))
 
 
-def test_networks_that_do_not_fit_together():
-    model = quick(duffing(200), gain_stages=())
+def test_networks_that_do_not_fit_together(without_gain):
+    model = without_gain
     assert isinstance(model, NeuralStateSpaceModel)
     with pytest.raises(ParameterError, match=r"encoder network has 9 inputs .* expected 7 and 2"):
         replace(model, lags=4)

@@ -44,16 +44,16 @@ def quiet(data, settings=SETTINGS):
 
 
 def test_the_expected_interval_comes_true():
-    """Log, fit, ask, drive, fit both: over 40 seeds the estimates scatter as was expected, within a factor of 1.3."""
+    """Log, fit, ask, drive, fit both: over 40 drives the estimates scatter as was expected, within a factor of 1.3."""
     noise, seeds = 1e-4, 40
-    found, expected = [], []
-    for seed in range(seeds):
-        log = logged(seed, noise, WEAVE)
-        best = advise(quiet(log), log)[0]
-        expected.append(best.std)
-        found.append(quiet(join(log, driven(best, seed, noise))).fit_info.values)
+    logs = [logged(seed, noise, WEAVE) for seed in range(seeds)]
+    asked = [advise(quiet(log), log)[0] for log in logs[:8]]
+    for best in asked:
         assert best.after < 0.1 * best.before
         assert "sweep" in best.manoeuvre
+    expected = [best.std for best in asked]
+    driven_too = (join(log, driven(asked[seed % 8], seed, noise)) for seed, log in enumerate(logs))
+    found = [quiet(data).fit_info.values for data in driven_too]
     ratio = np.std(found, axis=0, ddof=1) / np.median(expected, axis=0)
     assert ratio == pytest.approx(1.0, abs=0.3)
 

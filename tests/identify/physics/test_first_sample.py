@@ -52,9 +52,9 @@ def fitted(model, data, **more):
 @pytest.mark.parametrize(
     ("model", "count", "sets"),
     [
-        (mass(), 1, 60),
-        (mass(), 6, 40),
-        (mass(("x", "v"), sine=True), 1, 60),
+        (mass(), 1, 40),
+        (mass(), 6, 24),
+        (mass(("x", "v"), sine=True), 1, 40),
         *(
             pytest.param(model, count, 200, marks=pytest.mark.slow)
             for model in (mass(), mass(("x", "v")), mass(sine=True), mass(("x", "v"), sine=True))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset, join
@@ -135,10 +136,11 @@ def coverage(model, free, seeds, n=300, noise=0.1):
 @pytest.mark.parametrize(
     ("case", "seeds", "noise"),
     [
-        ("bicycle", 200, 0.1),
+        ("bicycle", 100, 0.1),
         ("longitudinal", 60, 0.1),
         ("bicycle with v_y", 30, 0.1),
-        ("single track", 12, 0.01),
+        ("single track", 8, 0.01),
+        pytest.param("bicycle", 200, 0.1, marks=pytest.mark.slow),
         pytest.param("longitudinal", 200, 0.1, marks=pytest.mark.slow),
         pytest.param("bicycle with v_y", 200, 0.1, marks=pytest.mark.slow),
         pytest.param("nonlinear bicycle", 200, 0.1, marks=pytest.mark.slow),
@@ -159,7 +161,7 @@ def test_intervals_hold_at_their_rate(case, seeds, noise):
 def test_the_single_track_says_so_where_noise_hides_its_inertia():
     """Ten times the noise: the inertia's interval is about its value, and every fit warns of it."""
     model, free = CASES["single track"]
-    for seed in range(3):
+    for seed in range(2):
         with pytest.warns(IdentifiabilityWarning, match="the data do not determine inertia_z"):
             GreyBox(start=model, free=free).fit(drive(model, n=200, seed=seed, noise=0.1))
 
@@ -307,9 +309,7 @@ def test_arx_intervals_hold_at_their_rate():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         u, e = rng.standard_normal(400), 0.2 * rng.standard_normal(400)
-        y = np.zeros(400)
-        for k in range(2, 400):
-            y[k] = 1.2 * y[k - 1] - 0.5 * y[k - 2] + 0.3 * u[k - 1] + 0.1 * u[k - 2] + e[k]
+        y = lfilter([0.0, 0.3, 0.1], [1.0, -1.2, 0.5], u) + lfilter([1.0], [1.0, -1.2, 0.5], e)
         found = ARX(na=2, nb=2).fit(Dataset.from_arrays({"u": u}, {"y": y}, 0.1))
         low, high = found.fit_info.interval().T
         sign = np.array([-1, -1, 1, 1])  # fit_info holds the coefficients of the regressors

@@ -33,8 +33,8 @@ def noisy(data, kind, rng, size=0.05):
 @pytest.mark.parametrize(
     ("case", "n", "parts", "kind", "sets"),
     [
-        ("bicycle", 300, 1, "AR(1) 0.9", 100),
-        ("longitudinal", 250, 4, "AR(1) 0.9", 60),
+        ("bicycle", 300, 1, "AR(1) 0.9", 60),
+        ("longitudinal", 250, 4, "AR(1) 0.9", 30),
         *(
             pytest.param(case, n, parts, kind, 150, marks=pytest.mark.slow)
             for case, n, parts in (("bicycle", 300, 1), ("bicycle", 150, 6), ("longitudinal", 250, 4))

@@ -116,7 +116,7 @@ def test_a_falling_curve_has_negative_d():
     assert pytest.approx(-1.3, rel=1e-5) == found.D
 
 
-@pytest.mark.parametrize("name", ["longitudinal", "lateral"])
+@pytest.mark.parametrize("name", ["longitudinal", pytest.param("lateral", marks=pytest.mark.slow)])
 def test_intervals_cover_at_their_level(name):
     """A value lies in its profile interval when holding it there costs little enough."""
     true = getattr(SOUSA_TABLE_6_8, name)
