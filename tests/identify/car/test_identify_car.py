@@ -215,7 +215,6 @@ def test_yaw_rate_alone_is_within_or_said_not_to_be_separable():
         assert any(s.startswith(f"{name} cannot be separated") for s in found.sentences)
 
 
-@pytest.mark.slow
 def test_a_car_a_third_as_long_is_the_same_car():
     """Lengths and speed over 3, mass over 300: forces over 900, inertia over 2700."""
     car = identify_car(drives(seconds=16.0), **KNOWN)
