@@ -108,7 +108,9 @@ def test_verdicts_name_it():
         ranked = compare({"wild": model, "tame": replace(model, A=np.array([-0.9]))}, data)
     assert ranked.best.name == "tame"
     assert not any("goes astray" in sentence for sentence in ranked.best.warnings)
-    assert "goes astray" in ranked.entries[1].warnings[-1]
+    astray, grown = ranked.entries[1].warnings[-2:]
+    assert "goes astray" in astray
+    assert "unstable where it was driven" in grown
 
 
 def test_a_model_of_unknown_data_is_not_suspected_of_a_normal_run():
