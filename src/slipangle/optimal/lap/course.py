@@ -102,7 +102,7 @@ def _require_metres(track: Path, width: float) -> None:
     if width > most:
         raise ParameterError(
             f"'{track.name}' is {width:.0f} m wide and {track.length:.0f} m long; expected widths in m, below "
-            f"{most:.3g} m: check the unit, of centimetres a hundredth"
+            f"{most:.3g} m: check the unit: 500 cm are 5 m"
         )
 
 
