@@ -57,8 +57,10 @@ class Motion:
                 slopes = [ca.densify(ca.jacobian(value, z)) for z in (x, u)]
                 return ca.Function(name, [x, u, p], [value, *slopes])
 
-            alone = (ca.Function(name, [x, u, p], [ca.densify(v)]) for name, v in (("next", nxt), ("shown", seen)))
-            return function("motion", nxt), function("seen", seen), *alone
+            alone, shown = (
+                ca.Function(name, [x, u, p], [ca.densify(v)]) for name, v in (("next", nxt), ("shown", seen))
+            )
+            return function("motion", nxt), function("seen", seen), alone, shown
 
         try:
             self._motion, self._seen, self._next, self._shown = build(ca.SX)
@@ -210,9 +212,10 @@ def _newton(
         if size < _CLOSE:
             z = z + step
             break
-        part, before = 1.0, np.linalg.norm(weight * error)
+        part, before, tried = 1.0, np.linalg.norm(weight * error), go(z)
         while part > 1e-4:
-            error = missed(*(tried := go(z + part * step)))
+            tried = go(z + part * step)
+            error = missed(*tried)
             if np.isfinite(error).all() and np.linalg.norm(weight * error) < before:
                 break
             part /= 2
