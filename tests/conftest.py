@@ -21,11 +21,8 @@ from slipangle.optimal.realtime import RealTime, backend  # noqa: E402
 # plan, an estimate or a model is, not how optimised code computes it: their libraries are compiled without, in a
 # quarter of the time. That optimised code says the same is asked by all others (of the solver itself in
 # optimal/realtime, of fits, jobs and exported code, which run so long that it pays), and by `make test-all` of all.
-_PLAIN = (
-    *("optimal", "control", "estimate", "models", "simulate"),
-    *(f"optimal/realtime/test_{n}.py" for n in ("repeated_steps", "after_a_jump", "exact_tracking", "curvature")),
-    *(f"optimal/realtime/test_{n}.py" for n in ("truth", "stages")),
-)
+_PLANS = ("after_a_jump", "curvature", "exact_tracking", "repeated_steps", "stages", "truth")
+_PLAIN = ("optimal", "control", "estimate", "models", "simulate", *(f"optimal/realtime/test_{n}.py" for n in _PLANS))
 _OPTIMISED = ("optimal/realtime", "optimal/lap", "optimal/test_published.py")
 _LEVELS = compiler.NATIVE, compiler.PORTABLE
 

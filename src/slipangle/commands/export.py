@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.models import load_models, read_job
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError
+from slipangle.errors import ConfigError, ModelWarning
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
@@ -196,7 +197,9 @@ def _racer(file: str, settings: Settings, wanted: RaceSettings, bar: Bar) -> tup
     if lap.track is None:
         raise ConfigError(f"'{file}' names no track; expected one: add [lap] with track")
     bar(0.1, "identifying the car")
-    model, car = identified_car(settings, lap.model or None, lap.set)
+    model, car, supposed = identified_car(settings, lap.model or None, lap.set)
+    if supposed:
+        warnings.warn(supposed, ModelWarning, stacklevel=2)
     bar(0.4, "fitting the racer's car to the plant")
     track = Track.from_file(lap.track)
     racer, plant, _ = racer_on(wanted, settings.plant, model, car, track, lap.points, between="sectors")

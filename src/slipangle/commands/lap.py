@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +50,6 @@ def add(commands: Commands) -> None:
 
 
 def _lap(options: argparse.Namespace) -> Answer:
-    from slipangle.optimal.lap.cars import supposed
     from slipangle.optimal.lap.fastest_lap import fastest_lap
     from slipangle.paths.path import Path as Track
     from slipangle.report.lap import beaten, lap_page, lost_most, remarks
@@ -70,10 +68,7 @@ def _lap(options: argparse.Namespace) -> Answer:
     folder = Path(options.out)
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the car")
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "the car's model does not say all")  # on the page, and printed below
-            model, car = identified_car(settings, wanted.model or None, values)
-        beside = supposed(model, values)
+        model, car, supposed = identified_car(settings, wanted.model or None, values)
         bar(0.2 if settings.race else 0.5, "finding the lap")
         how = ("line", "points", "margin", "smoothness", "v_max", "v_start", "tolerance", "iterations")
         lap = fastest_lap(car, track, **{key: getattr(wanted, key) for key in how})
@@ -87,13 +82,13 @@ def _lap(options: argparse.Namespace) -> Answer:
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "index.html")
         more = (race.section(raced, options.said),) if raced else ()
-        page = lap_page(lap, settings.title, options.said, delta, more, std, beside).write(folder / "index.html")
+        page = lap_page(lap, settings.title, options.said, delta, more, std, supposed).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "time_std": std, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
-    found |= {"supposed": beside} if beside else {}
+    found |= {"supposed": supposed} if supposed else {}
     words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)."
-    words += remarks(lap, std, beside)
+    words += remarks(lap, std, supposed)
     if delta is not None:
         sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
         found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}

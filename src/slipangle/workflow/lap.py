@@ -7,14 +7,16 @@ from collections.abc import Mapping
 from slipangle.errors import ConfigError, nearest
 from slipangle.models.model import Model
 from slipangle.optimal.lap.car import LapCar
-from slipangle.optimal.lap.cars import known_limits, lap_car
+from slipangle.optimal.lap.cars import car_and_supposed, known_limits
 from slipangle.workflow.job import identify_named
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import Settings
 
 
-def identified_car(settings: Settings, name: str | None, values: Mapping[str, float]) -> tuple[Model, LapCar]:
+def identified_car(settings: Settings, name: str | None, values: Mapping[str, float]) -> tuple[Model, LapCar, str]:
     """A model of the job, by default the first that knows what its tires can hold, and its car with given values.
+
+    Then a sentence on what neither says of the car, see `slipangle.optimal.lap.cars.car_and_supposed`.
 
     Raises ConfigError if the job has no such model, and ParameterError as `lap_car`.
     """
@@ -25,7 +27,7 @@ def identified_car(settings: Settings, name: str | None, values: Mapping[str, fl
     for one in names if name is None else [name]:
         model = identify_named(settings, one, logs)
         if name is not None or known_limits(model) or known_limits(getattr(model, "params", None)):
-            return model, lap_car(model, **values)
+            return model, *car_and_supposed(model, values)
     raise ConfigError(
         f"none of the job's models ({', '.join(names)[:100]}) says how much its tires can hold; expected a nonlinear "
         "or saturating bicycle: add a [[model]] of that kind"

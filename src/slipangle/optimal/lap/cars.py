@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import singledispatch
 from typing import Any
@@ -63,22 +63,19 @@ def lap_car(car: Any, **values: float) -> LapCar:
     >>> round(bmw.power / 1000)
     90
     """
-    made, known = _car_of(car, values)
-    if words := _taken(known):
-        warnings.warn(words, ModelWarning, stacklevel=2)
+    made, supposed = car_and_supposed(car, values)
+    if supposed:
+        warnings.warn(supposed, ModelWarning, stacklevel=2)
     return made
 
 
-def supposed(car: Any, values: Mapping[str, float]) -> str:
-    """A sentence on what `lap_car` takes where neither the model nor ``values`` say it; none where all is said."""
-    return _taken(_car_of(car, values, power=AMPLE)[1])
-
-
-def _taken(known: Collection[str]) -> str:
+def car_and_supposed(car: Any, values: Mapping[str, float]) -> tuple[LapCar, str]:
+    """As `lap_car`, with its warning as a sentence; an empty one where the model and ``values`` say all."""
+    made, known = _car_of(car, values)
     taken = [words for name, words in _SUPPOSED.items() if name not in known]
     if not taken:
-        return ""
-    return (
+        return made, ""
+    return made, (
         f"the car's model does not say all that a lap hangs on: taken were {', '.join(taken)}; give what you know: "
         "sa.lap_car(model, drag=0.7, ...), or slipangle lap with --set drag=0.7"
     )

@@ -73,8 +73,9 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
                 'between: read a track with widths, or drive its own line with line="given"'
             )
     if tolerance is None:
-        _require_metres(track, float(np.mean(at.left + at.right)))
-        fine, enough = track.at(track.s), _UNSEEN * float(np.mean(at.left + at.right))
+        width = float(np.mean(at.left + at.right))
+        _require_metres(track, width)
+        fine, enough = track.at(track.s), _UNSEEN * width
         high, low = (
             side * _kept_between(track, s, side * own, side * edge - room, enough)
             for side, own, edge in ((1.0, high, fine.left), (-1.0, low, -fine.right))
