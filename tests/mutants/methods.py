@@ -370,7 +370,8 @@ MUTANTS = [
         "identify/car/test_widened.py",
         [
             ("a floor on top of the noise", "np.hypot(limits[i] - value,", "np.add(abs(limits[i] - value),"),
-            ("samples as far apart as the car is slow", "(dt / follows) ** 2 / 6", "(dt * follows) ** 2 / 6"),
+            ("samples as far apart as the car is slow", "quick, means = dt / follows", "quick, means = dt * follows"),
+            ("an interpolated delay smooths nothing", "f * (1.0 - f) ** 2", "0.0 * f"),
         ],
     ),
     *mistakes(
@@ -1014,6 +1015,11 @@ MUTANTS = [
         [("lap: any width is taken for one in m", "if width > most:", "if width > 1e9 * most:")],
     ),
     *mistakes(
+        "optimal/lap/course.py",
+        "optimal/lap/test_fastest_lap.py::test_widths_to_the_right_that_are_negative_are_named",
+        [("lap: widths of any sign", "if found < -_BESIDE * abs(width):", "if False:")],
+    ),
+    *mistakes(
         "optimal/lap/cars.py",
         "optimal/lap/test_fastest_lap.py::test_what_nobody_says_of_a_car_goes_with_its_size",
         [
@@ -1128,6 +1134,19 @@ MUTANTS = [
         [
             ("heading: turns are added the wrong way", "return x - turn * turns", "return x + turn * turns"),
             ("heading: in degrees, unwrapped by radians", "np.diff(x) / turn", "np.diff(x) / TURN"),
+        ],
+    ),
+    *mistakes(
+        "data/holds.py",
+        "data/test_holds.py",
+        [
+            ("means: a moving input smoothed by its hold", "x + curved / 6 + _curved(curved) / 30", "x"),
+            ("means: a pedal less than released", ", *_rests(x))", ", -np.inf, np.inf)"),
+            (
+                "means: the moving input stays sharpened",
+                "scipy.sparse.eye_array(n) + curved / 6",
+                "scipy.sparse.eye_array(n) + 0",
+            ),
         ],
     ),
     *mistakes(

@@ -93,6 +93,11 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/multi_arx.py",
+        "identify/linear/test_statespace_unstable.py",
+        [("ARX by speed: not asked whether unstable", "stable_by_free_runs(asked, _poles(model), driven)", '""')],
+    ),
+    *mistakes(
         "identify/linear/statespace_unstable.py",
         "identify/linear/test_statespace_unstable.py",
         [

@@ -159,14 +159,12 @@ def test_delay_lag_gain_and_offset_are_found_apart(car):
     assert value("steering_offset") == pytest.approx(STEERING["offset"], abs=1e-3)
 
 
-def test_delay_and_lag_are_said_apart_within_what_the_hold_between_samples_takes(car):
-    """A moving angle held at its mean for 20 ms is smoothed as by a lag of 12 ms."""
+def test_delay_and_lag_are_said_apart(car):
     said = next(s for s in car.sentences if s.startswith("steering and tires together are"))
     assert "ms late: pure delay" in said
     for name, true in (("delay_delta", STEERING["delay"]), ("steering_lag", STEERING["lag"])):
         low, high = car.interval(name)
         assert low <= true <= high
-    assert car.interval("steering_lag")[1] > np.hypot(car.model.value("steering_lag"), DT / np.sqrt(3))
 
 
 @pytest.mark.parametrize("over", [pytest.param(-1.0, marks=pytest.mark.slow), -12.0])

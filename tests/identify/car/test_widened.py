@@ -1,16 +1,17 @@
 """Intervals of a car take in what a single track leaves out, and what inputs that are held for a sample take."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
+from slipangle.data.dataset import HELD, MEANS, join
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.identify.car.uncertainty import covariance
-from slipangle.identify.car.widened import limits_of, too_coarse, yaw_time
+from slipangle.identify.car.widened import _hold, _smoothed, limits_of, too_coarse, yaw_time
 from slipangle.models.vehicles.steering import Steered
-from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.delayed import Delayed, interpolation
 from tests.identify.car.test_identify_car import DT, KNOWN, TRUE, logs
 
 QUICK = TRUE | dict(mass=270.0, inertia_z=140.0, wheelbase=1.55, l_f=0.82, C_f=2.4e4, C_r=3.3e4)
@@ -31,6 +32,32 @@ def found(*, dt=DT, true=TRUE, outputs=("v_y", "r"), more=lambda data: data.hold
 def across():
     """A road car with v_y and r."""
     return found()
+
+
+@pytest.mark.parametrize("samples", [0.0, 0.2, 1 / 3, 0.8, 1.0, 1.6])
+@pytest.mark.parametrize("note", ["", MEANS, HELD])
+def test_what_a_hold_and_a_delay_take_looks_like_a_lag(samples, note):
+    """To second order in frequency, 1 - (lag w)^2 of a power: of the interpolation's weights, and of a hold's sine."""
+    w = 0.02  # over the rate of the samples
+    late = np.array([float(k) for k in interpolation(samples, 4)]) @ np.exp(-1j * w * np.arange(4))
+    held = np.sinc(w / 2 / np.pi) if note == "" else 1.0
+    data = SimpleNamespace(notes=(note,) if note else ())
+    car = SimpleNamespace(
+        values={"delay_delta": 0.05 * samples}, model=SimpleNamespace(dt=0.05), problem=SimpleNamespace(data=data)
+    )
+    assert _smoothed(car) == pytest.approx((1 - abs(late * held) ** 2) / w**2, abs=2e-4)
+
+
+def test_a_lag_may_be_larger_and_a_delay_smaller_by_what_looks_like_it():
+    """A delay of 20 ms at 20 Hz is interpolated as by a lag of sqrt(0.4 * 0.6^2) samples, 19 ms."""
+    car = found(dt=0.05)
+    car = replace(car, model=car.model.with_values(delay_delta=0.02, steering_lag=0.05))
+    limits = np.tile([0.0, 0.05], (len(car.names), 1))
+    _hold(car, limits)
+    wide = dict(zip(car.names, limits, strict=True))
+    assert wide["steering_lag"] == pytest.approx([0.0, np.hypot(0.05, 0.019)], abs=1e-4)
+    assert wide["delay_delta"] == pytest.approx([0.05 - np.hypot(0.05, 0.019), 0.05], abs=1e-4)
+    assert wide["C_f"] == pytest.approx([0.0, 0.05])
 
 
 def half(fitted):
@@ -66,7 +93,9 @@ def test_an_inertia_that_samples_are_too_far_apart_for_is_said_with_the_rate_it_
     (said,) = too_coarse(quick)
     assert said.startswith(f"samples are 0.06 s apart, and the yaw rate follows within {yaw_time(quick):.2g} s: ")
     rate = float(said.split("give the log at ")[1].split(" Hz")[0])
-    assert (1 / rate / yaw_time(quick)) ** 2 / 6 == pytest.approx(0.02, rel=0.1)
+    assert (1 / rate / yaw_time(quick)) ** 2 * 2 / 27 == pytest.approx(0.02, rel=0.1)
     assert too_coarse(across) == []  # whose samples are close
+    (said,) = too_coarse(found(dt=0.06, true=QUICK, more=lambda data: data))
+    assert float(said.split("give the log at ")[1].split(" Hz")[0]) > 1.2 * rate  # whose hold smooths, too
     held = found(dt=0.06, true=QUICK, more=lambda data: data.hold_sample())
     assert too_coarse(held) == []  # what a controller held did not move in between

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import slipangle as sa
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.identify.linear.statespace_unstable import unstable_ahead
+from tests.identify.car.test_identify_car import logs
 from tests.identify.linear.test_statespace import record, system
 
 SAID = "those of an unstable system"
@@ -69,6 +70,24 @@ def test_arx_of_chosen_orders_says_so(pole, noise):
     assert said
     assert np.abs(model.poles).max() < 1
     assert not fitted(sa.ARX(na=2, nb=2), data)[1]
+
+
+def at_speeds(data):
+    """The same with the speed at which it was driven."""
+    v_x = 15.0 + 5.0 * np.sin(0.004 * np.arange(data.n_samples))
+    return Dataset.from_arrays({"u": data["u"], "v_x": v_x}, {"y": data["y"]}, data.dt)
+
+
+@pytest.mark.parametrize(("pole", "noise"), [(1.02, 0.05), (1.15, 0.05), (0.9, 0.05), (1.0, 0.05)])
+def test_arx_models_at_speeds_say_so_too(pole, noise):
+    model, said = fitted(sa.MultiARX(), at_speeds(held(pole, noise)))
+    assert said == (pole > 1)
+    assert not said or all(np.abs(m.poles).max() < 1 for m in model.models)
+
+
+def test_a_car_that_is_another_one_at_every_speed_is_not_unstable():
+    data = join(*logs((8.0, 12.0, 16.0, 20.0, 24.0, 28.0), range(6), noise=0.3))
+    assert not fitted(sa.MultiARX(), data.select(inputs=("delta", "v_x"), outputs=("v_y", "r")))[1]
 
 
 def drifting(kind, samples, seed):

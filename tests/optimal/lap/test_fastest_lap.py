@@ -334,6 +334,15 @@ def test_widths_in_another_unit_are_named(unit):
         sa.fastest_lap(RACER, wide)
 
 
+@pytest.mark.parametrize("right", [-5.0, -1.0])
+def test_widths_to_the_right_that_are_negative_are_named(right):
+    """As offsets to the left have them: 5 m to the left and -1 m to the right would be a lap four metres wide."""
+    track = circuit()
+    signed = replace(track, right=0 * track.right + right, left=0 * track.left + 5.0)
+    with pytest.raises(ParameterError, match=rf"'circuit' has its right edge at {right:g} m; .* give right=-right"):
+        sa.fastest_lap(RACER, signed)
+
+
 @pytest.mark.parametrize("power", [1.0, 90.0])
 def test_a_car_that_stands_still_is_named(power):
     """90 kW given as 90: road and air take 0.015 * 11.8 kN and more, which is 90 W at half a metre a second."""

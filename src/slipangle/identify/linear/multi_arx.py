@@ -14,8 +14,11 @@ from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Finite, Within
 from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.arx import STATES
 from slipangle.identify.linear.estimator import channels, described
 from slipangle.identify.linear.orders import Chosen, Orders, choose, regression
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.statespace_unstable import stable_by_free_runs
 from slipangle.identify.stability import announced, breakdown_said, noted
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.plausible import growth
@@ -36,7 +39,7 @@ class MultiARX(Checked):
 
     The coefficients of all speeds are found together, by least squares on the one-step-ahead error of the blended
     model, so experiments may run through any speeds. Orders that are not given are chosen as `ARX` does, for all
-    speeds at once, with no direct path.
+    speeds at once, with no direct path; of a system that is unstable at most speeds that is said alike.
 
     Raises ParameterError if the speeds do not rise.
 
@@ -93,9 +96,13 @@ class MultiARX(Checked):
         for orders, _ in choice.ranked[:_TRIED]:
             try:
                 found = {"candidates": choice.candidates}
-                return self._of_orders(data, orders, speeds, began, choice.said(orders) + "; ", **found)
+                model = self._of_orders(data, orders, speeds, began, choice.said(orders) + "; ", **found)
             except ExcitationError as error:
                 refused = refused or error
+                continue
+            asked = StateSpace(order=STATES, offsets="both" if self.offset else "none")
+            driven = data.select(inputs=tuple(n for n in data.inputs if n != "v_x"), outputs=data.outputs)
+            return noted(model, stable_by_free_runs(asked, _poles(model), driven))
         raise refused or ParameterError("no orders were compared")
 
     def _of_orders(
@@ -146,12 +153,17 @@ class MultiARX(Checked):
             **found,
         )
         model = MultiARXModel(models=tuple(models), speeds=speeds, fit_info=info)
-        return noted(model, growth(np.concatenate([m.poles for m in models]), data.n_longest))
+        return noted(model, growth(_poles(model), data.n_longest))
 
     def _labels(self, data: Dataset, orders: Orders) -> list[str]:
         steering = next(n for n in data.inputs if n != "v_x")
         past = [f"{o}(k-{i})" for i in range(1, orders.na + 1) for o in data.outputs]
         return past + [f"{steering}(k-{orders.nk[0] + j})" for j in range(orders.nb[0])] + ["1"] * self.offset
+
+
+def _poles(model: MultiARXModel) -> np.ndarray:
+    """Those at all speeds."""
+    return np.concatenate([m.poles for m in model.models])
 
 
 def _flat(model: ARXModel, output: int, offset: bool) -> np.ndarray:

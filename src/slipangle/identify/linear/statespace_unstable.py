@@ -48,12 +48,12 @@ def unstable_ahead(settings: Any, data: Dataset, order: int) -> StateSpaceModel 
     return free if data.n_samples * gain > _SURE else None
 
 
-def stable_by_free_runs(settings: Any, model: Any, data: Dataset) -> str:
+def stable_by_free_runs(settings: Any, poles: np.ndarray, data: Dataset) -> str:
     """Sentence where a stable model's orders were chosen by free runs over data of an unstable system; else empty.
 
-    ``settings`` are a `StateSpace` of one order, by which the data are asked.
+    ``settings`` are a `StateSpace` of one order, by which the data are asked; ``poles`` are the model's.
     """
-    stable = not growth(model.poles, data.n_longest)
+    stable = not growth(poles, data.n_longest)
     found = unstable_ahead(settings, data, settings.order) if stable else None
     return "" if found is None else _CHOSEN.format(size=modulus(found.A))
 

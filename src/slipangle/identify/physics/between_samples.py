@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slipangle.data.dataset import HELD, MEANS, Dataset
+from slipangle.data.holds import moving
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum
 from slipangle.numerics.covariance import inverse_information
 
@@ -75,19 +76,11 @@ def _held(data: Dataset) -> Dataset:
 
 
 def _before_means(data: Dataset) -> Dataset:
-    """Inputs of which the data's are the means over each sample, but for a share that turns its sign at each sample.
-
-    Of that share, which means do not know, there is as much as makes the inputs smoothest.
-    """
+    """The samples of inputs of which the data's are the means over each, see `moving`."""
     table = data.values.copy()
     for a, b in zip(data.starts, data.stops, strict=True):
-        sign = (-1.0) ** np.arange(b - a)
-        for name in data.inputs:
-            means = table[a : b - 1, data.index(name)]
-            x = sign * np.append(np.cumsum(2 * (sign[:-1] * means)[::-1])[::-1], 0.0)
-            if b - a > 2:
-                x -= sign * (np.mean(np.diff(x, 2) * sign[:-2]) / 4)
-            table[a:b, data.index(name)] = x
+        for i in map(data.index, data.inputs):
+            table[a:b, i] = moving(table[a : b - 1, i])
     return replace(data, values=table)
 
 

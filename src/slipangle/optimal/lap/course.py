@@ -11,6 +11,7 @@ from slipangle.paths.path import Path
 
 INNERMOST = 0.9  # of the radius of the track's line, beyond which arc lengths across it meet
 _WIDEST = 0.25  # of its length: a closed track as wide as this has hardly a middle; in cm all are wider
+_BESIDE = 0.1  # of its width, by which a track's line may lie beside it: one farther off is one of signed widths
 _UNSEEN = 0.03  # of the track's mean width, up to which an edge may come in between two points
 
 
@@ -74,7 +75,7 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
             )
     if tolerance is None:
         width = float(np.mean(at.left + at.right))
-        _require_metres(track, width)
+        _require_distances(track, width)
         fine, enough = track.at(track.s), _UNSEEN * width
         high, low = (
             side * _kept_between(track, s, side * own, side * edge - room, enough)
@@ -97,8 +98,15 @@ def course(track: Path, ends: np.ndarray, *, room: float, tolerance: float | Non
     )
 
 
-def _require_metres(track: Path, width: float) -> None:
-    """Raise if a track is ``width`` [m] wide as no track of its length is, but one in another unit."""
+def _require_distances(track: Path, width: float) -> None:
+    """Raise if a track is ``width`` [m] wide as no track of its length is, but one in another unit or sign."""
+    for side, distances in (("right", track.right), ("left", track.left)):
+        found = float(np.median(np.asarray(distances)))
+        if found < -_BESIDE * abs(width):
+            raise ParameterError(
+                f"'{track.name}' has its {side} edge at {found:.3g} m; expected distances from its line, positive to "
+                f"either side: give {side}=-{side}"
+            )
     most = _WIDEST * track.length if track.closed else track.length
     if width > most:
         raise ParameterError(
