@@ -20,10 +20,10 @@ NARROWER = 0.3  # m, at most
 class Sectors:
     """Speeds over those of a lap, corner by corner, learned by trial from lap to lap.
 
-    A sector is a corner with half of the straights beside it. After every lap each is tried a little faster; where
-    that took longer, it goes back to what was quickest and tries less next time, and where the car came too near to an
-    edge, it becomes slower and keeps further away. Speeds of a bend go with the root of the grip that is asked for, so
-    one percent of speed is two of grip, and no lap has to be planned anew.
+    A sector is a corner with half of the straights beside it. After every lap each is tried faster, by half of what it
+    may be while no trial has failed; where that took longer, it goes back to what was quickest and tries little next
+    time, and where the car came too near to an edge, it becomes slower and keeps further away. Speeds of a bend go with
+    the root of the grip that is asked for, so one percent of speed is two of grip, and no lap has to be planned anew.
 
     Parameters
     ----------
