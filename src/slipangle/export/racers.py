@@ -13,8 +13,8 @@ from slipangle.codegen.expression import emit, scalar_code
 from slipangle.control.racing.learning import GAIN, LEAST, MOST, SUREST
 from slipangle.control.racing.pedals import NONE
 from slipangle.control.racing.planner import SPEED_IN, STATES
-from slipangle.control.racing.racer import BOLD, CREEPING, NO_FORCE, SPIN, STOP, Racer
-from slipangle.control.racing.sectors import ENOUGH, KEPT, SLOWER, STEP
+from slipangle.control.racing.racer import BOLD, CREEPING, NO_FORCE, SHORT, SPIN, STOP, Racer
+from slipangle.control.racing.sectors import ENOUGH, KEPT, PART, SLOWER, STEP
 from slipangle.control.racing.sectors import LEAST as LEAST_TRIAL
 from slipangle.control.racing.sensing import POSE, RANGES, WANTED, WHOLE, Sensing
 from slipangle.control.watch import Blind
@@ -162,6 +162,8 @@ def _of_car(racer: Racer) -> list[str]:
         "STOP_FORCE": -STOP * car.weight,
         "NO_FORCE": NO_FORCE * car.weight,
         "SPIN": SPIN,
+        "SPINS": racer._spins,
+        "SHORT": SHORT,
         "MASS": car.mass,
         "WEIGHT": car.weight,
         "HALF_WIDTH": 0.5 * car.width,
@@ -229,6 +231,7 @@ def _of_learning(racer: Racer) -> list[str]:
         "BOLD": BOLD,
         "LAP_MU_F": racer.lap.car.mu_f,
         "TRIAL": STEP,
+        "PART": PART,
         "LEAST_TRIAL": LEAST_TRIAL,
         "SLOWER": SLOWER,
         "BETTER": corners._better,

@@ -28,6 +28,7 @@ def drive(
     channels: Sequence[str] | None = None,
     held: Values | None = None,
     x0: np.ndarray | None = None,
+    s0: float = 0.0,
     width: float = 1.8,
     sample: float = 0.01,
     watch: Callable[[float, Commands], None] | None = None,
@@ -36,8 +37,8 @@ def drive(
 
     The driver is called every ``sample`` with what the plant's sensors show then. Inputs of the plant are its commands,
     ``v_x`` its wanted speed, and the others those that are held. A dual track and a driver that was compiled
-    (`slipangle.export.build`) are driven in compiled code from end to end, with the same numbers, unless ``watch`` is
-    given.
+    (`slipangle.export.build`) are driven in compiled code from end to end, with the same numbers, unless ``watch`` or
+    ``s0`` is given.
 
     Raises ParameterError if an input of the plant has no source, and SampleTimeError if the sample times do not divide
     each other.
@@ -56,6 +57,8 @@ def drive(
         Constant inputs that the driver does not set.
     x0 : array, shape (n_states,), optional
         Where the plant starts; by default straight ahead at the path's start and speed.
+    s0 : float
+        Arc length near which that is, below zero before the start line of a closed path. [m]
     width, sample : float
         Vehicle width, for `Run.inside` [m]; time between calls of the driver and samples of the result [s].
     watch : callable, optional
@@ -69,12 +72,12 @@ def drive(
     first = {**dict.fromkeys(model.inputs, 0.0), **fixed, "v_x": path.speed(0.0)}
     simulation = plant.start(x, np.array([first[name] for name in model.inputs]))
     driver.reset()
-    compiled = compiled_loop(plant, driver, channels) if watch is None else None
+    compiled = compiled_loop(plant, driver, channels) if watch is None and s0 == 0.0 else None
     if compiled is not None:
         ends = {"sample": sample, "limit": limit, "to_the_end": duration is None or not path.closed}
         return _run(*compiled(simulation, fixed, per_sample, **ends), plant, driver, width)
     plans: list[Plan] = []
-    rows, times, near, end, tick = [], [], 0.0, None, 0
+    rows, times, near, end, tick = [], [], s0, None, 0
     while end is None:
         true, t = simulation.true(), tick * sample
         if not np.isfinite(simulation.x).all():

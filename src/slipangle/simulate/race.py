@@ -11,12 +11,14 @@ from slipangle.control.racing.racer import Racer
 from slipangle.control.racing.sensing import NOISE
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.optimal.lap.driven import DrivenLap, cut_laps
+from slipangle.optimal.lap.lap import Lap
 from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 
 ROLLING = 0.98  # of the lap's speed, that the drive starts with, before the start line
 PATIENCE = 1.1  # times the first lap's time, that a lap may take in the mean
+CALM = 0.1  # of the lap's largest lateral acceleration: no more where a drive starts
 AFTER = 10  # samples behind the start line, by when a racer has learned
 
 
@@ -106,14 +108,15 @@ class Race:
 
 
 def race(racer: Racer, plant: Plant, laps: int) -> Race:
-    """Let a racer drive laps on a plant from a rolling start just before the start line.
+    """Let a racer drive laps on a plant, rolling from where the lap last goes straight on before the start line.
 
     The racer sees what the plant's sensors show of X, Y, psi, v_x, r, a_x and a_y; see `NOISE`. While it plans a lap at
     the start line, the plant waits. Whatever happens, the drive ends after the time of the first lap for every lap, and
     a little more.
     """
     lap = racer.lap
-    X, Y, psi, v = (float(column[-3]) for column in (lap.X, lap.Y, lap.psi, lap.v_x))
+    begin = _straight(lap)
+    X, Y, psi, v = (float(column[begin]) for column in (lap.X, lap.Y, lap.psi, lap.v_x))
     read: list[tuple[float, ...]] = []
 
     def watch(t: float, commands: Commands) -> None:
@@ -123,9 +126,10 @@ def race(racer: Racer, plant: Plant, laps: int) -> Race:
     run = drive(
         plant,
         racer,
-        duration=(laps + 0.2) * PATIENCE * lap.time,
+        duration=(laps + 0.2) * PATIENCE * lap.time + lap.time - float(lap.t[begin]),
         channels=tuple(NOISE),
         x0=plant.straight(ROLLING * v, X=X, Y=Y, psi=psi),
+        s0=float(lap.s[begin]) - racer.track.length,
         width=racer.car.width,
         sample=racer.sample,
         watch=watch,
@@ -144,3 +148,14 @@ def race(racer: Racer, plant: Plant, laps: int) -> Race:
         learned=table[ends][:, 2:],
         sample=racer.sample,
     )
+
+
+def _straight(lap: Lap) -> int:
+    """Last point of a lap, some before its end, where it drives on and hardly bends; the straightest where none does.
+
+    A car that is put into a bend with straight wheels, or where it should brake, leaves the line before it has steered,
+    the further the more its tires hold.
+    """
+    turning = np.abs(lap.v_x * lap.r)[:-2]
+    calm = np.flatnonzero((turning <= CALM * turning.max()) & (lap.F_x[:-2] >= 0.0))
+    return int(calm[-1]) if len(calm) else int(np.argmin(turning))

@@ -9,8 +9,9 @@ from scipy.integrate import solve_ivp
 import slipangle as sa
 from slipangle.control.racing.actuators import Actuators
 from slipangle.control.racing.along_track import AlongTrack, along_track
-from slipangle.control.racing.on_road import OnRoad, RacingCar
+from slipangle.control.racing.on_road import OnRoad, RacingCar, slowest, steps_in
 from slipangle.control.racing.planner import Planner
+from slipangle.control.racing.sensing import Sensing
 from slipangle.models.vehicles.catalogue import BMW_320I
 from slipangle.optimal.lap.car import held, rates
 from tests.optimal.lap.cars import RACER, ring
@@ -141,3 +142,32 @@ def test_the_filter_s_car_is_the_lap_s_car_on_a_road_of_another_friction():
     assert most < 0.5 * 25.0 * 0.9
     swinging = rates(25.0, -0.6, 0.9, 0.06, -3000.0, car, a_y=most)
     assert np.asarray(model.derivative(x, u), dtype=float)[5] == pytest.approx(swinging.r - 0.1)
+
+
+def test_plans_and_filter_follow_a_light_stiff_car_at_its_slowest_speed():
+    """As a finer integration has it; of two steps to a stage, it swings with a yaw rate seventeen times as large."""
+    stiff = replace(RACER, C_f=3.0 * RACER.C_f, C_r=3.0 * RACER.C_r, inertia_z=0.6 * RACER.inertia_z)
+    v, dt = 1.05 * float(slowest(stiff)), 0.05
+    planner = Planner(stiff, ring(), sa.Pedals.of(BMW_320I), dt=dt, horizon=5)
+    model = planner.mpc.model
+    assert model.substeps == steps_in(stiff, dt) > 2
+    x = np.array([0.0, 0.0, v, 0.02, 0.03, 0.005, 0.0, 0.0])
+    u = np.array([0.0, 0.0, 0.0, v * dt, stiff.mu_f, stiff.mu_r, 0.0, 0.0])
+    fine, now = replace(model, substeps=64), x
+    for _ in range(10):
+        x, now = model.step(x, u), fine.step(now, u)
+    assert x[3:5] == pytest.approx(now[3:5], rel=0.05, abs=1e-4)
+    filtered = Sensing(stiff, grip_std=0.05, noise={}, gate=None, patience=25, sample=dt).filter.model
+    assert filtered.substeps == max(steps_in(stiff, dt), 5)
+
+
+def test_how_many_steps_there_are_goes_with_stiffness_and_mass_not_with_size():
+    usual = steps_in(RACER, 1.0)
+    assert steps_in(replace(RACER, C_f=2 * RACER.C_f, C_r=2 * RACER.C_r), 1.0) == pytest.approx(2 * usual, abs=1)
+    heavy = {n: 2 * getattr(RACER, n) for n in ("mass", "inertia_z")}
+    assert steps_in(replace(RACER, **heavy), 1.0) == pytest.approx(0.5 * usual, abs=1)
+    assert steps_in(RACER, 1e-3) == 1
+    k = 0.25  # all lengths; masses by k^3, times by the root
+    power = {"mass": 3, "C_f": 3, "C_r": 3, "inertia_z": 5, "wheelbase": 1, "l_f": 1}
+    small = replace(RACER, **{n: getattr(RACER, n) * k**p for n, p in power.items()})
+    assert steps_in(small, k**0.5) == pytest.approx(usual, abs=1)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -157,6 +158,21 @@ def test_what_full_throttle_gives_is_learned_by_place():
     assert (learned.grip, learned.grip_std) == pytest.approx((0.95, 0.01))
     car = learned.car(believed(), 0.96)
     assert car.mu_f / believed().mu_f == pytest.approx(0.96 * 0.94)
+
+
+@pytest.mark.parametrize(("power", "share", "learned"), [(3.0, 0.5, 1.0), (3.0, 0.85, 0.85), (1.0, 0.5, 0.5)])
+def test_a_wheel_that_spins_is_not_learned_as_a_weak_engine(power, share, learned):
+    """Half of what full throttle should give, where that is more than half of what the driven tires hold: a wheel."""
+    pedals = replace(PEDALS, full=power * PEDALS.full)
+    racer = sa.Racer(believed(), circuit(), pedals, lap=first_lap(), margin=MARGIN)
+    racer._s, racer._gear, v = 100.0, 3, 15.0
+    full = float(pedals.most(v, 3))
+    assert (full > 0.5 * believed().mu_r * believed().mu_x * believed().weight * 0.55) == (power > 2.0)
+    plan = SimpleNamespace(command=np.array([0.0, 1e6]), stopping=False)
+    for _ in range(300):
+        missing = (share * full - racer._actuators.force) / believed().mass
+        racer._act(plan, np.array([0, 0, 0, v, 0, 0, missing, 0.0]), (1.0, 0.05), False)
+    assert racer.learned.most(100.0, full) == pytest.approx(learned * full, rel=0.02)
 
 
 def test_far_from_the_limit_no_more_grip_is_believed_than_near_it():

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.control.racing.along_track import AlongTrack, LateAlongTrack, along_track
-from slipangle.control.racing.on_road import slowest
+from slipangle.control.racing.on_road import slowest, steps_in
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
 from slipangle.ops import Scalar, Vector
@@ -28,7 +28,7 @@ from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.path import Path
 
 STATES = AlongTrack.states
-SUBSTEPS = 2  # of a stage: lateral motion at walking pace is quick
+FEWEST = 2  # explicit steps of a stage
 # All numbers in m and s are for a car of usual size, `LapCar.size` says how far another is from that.
 # Weights of distances from the lap, per m2, rad2, (m/s)2, (rad/s)2, and of forces over half the weight.
 FROM_LAP = {"n": 2.0, "chi": 20.0, "v_x": 10.0, "v_y": 0.2, "r": 2.0, "delta": 20.0, "F_x": 1.0}
@@ -85,7 +85,7 @@ class Planner:
                 drive_lag=pedals.lag,
                 brake_lag=pedals.brake_lag,
                 dt=dt,
-                substeps=SUBSTEPS,
+                substeps=max(steps_in(car, dt), FEWEST),
             ),
             horizon=horizon,
             controls=("delta_rate", "F_rate"),

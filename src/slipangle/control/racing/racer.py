@@ -39,6 +39,7 @@ SETTLING = 0.3  # s of a car of usual size, over which accelerations that the mo
 MARGIN, SAMPLE, DT = 0.15, 0.01, 0.05  # m, s, s of a car of usual size: kept from edges, between samples and plans
 FINEST = 0.001  # s, that sample times are multiples of
 NO_FORCE = 1e-4  # of the weight
+SPINS, SHORT = 0.5, 0.8  # of what driven axles hold, from which full throttle may spin a wheel, and of that force then
 STOP = 0.3  # of the weight, with which a car brakes that has no plan, or does not know where it is
 CREEPING = 1.2  # times the slowest speed of a plan: no faster, it is braked to a standstill without one
 
@@ -175,6 +176,7 @@ class Racer(Brief):
         if not isinstance(pedals, Pedals):
             raise ParameterError(f"pedals is {shown(pedals)}; expected Pedals: say Pedals.of(car)")
         self.car, self.track, self.pedals = car, track, pedals
+        self._spins = SPINS * _held(car)
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)
         self._late = {"delay": steering_delay, "lag": self._planner.lag}
@@ -289,7 +291,7 @@ class Racer(Brief):
                 state, then, here, self._most, self._beyond, self._plan, brake=STOP if lost else None
             )
         stopping = self._plan.stopping or (lost and float(x[3]) <= CREEPING * self._planner.slowest)
-        values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std), stopping)
+        values = self._act(self._plan, x, (grip, grip_std), stopping)
         return Commands(
             values=values,
             wanted_v_x=0.0 if lost or self._plan.stopping else float(self._planner.at(np.array([s]))[0, 2]),
@@ -326,11 +328,13 @@ class Racer(Brief):
         """Force at full throttle at places ahead [m] and the speeds there, shape (n,). [m/s]"""
         return self.learned.most(s, self.pedals.most(v_x, self._gears(v_x)))
 
-    def _act(
-        self, plan: Plan, v_x: float, unexplained: float, grip: tuple[float, float], stopping: bool
-    ) -> dict[str, float]:
-        """Commands of a sample, and what the car does with them."""
-        car, dt, acting = self.car, self.sample, self._actuators
+    def _act(self, plan: Plan, x: np.ndarray, grip: tuple[float, float], stopping: bool) -> dict[str, float]:
+        """Commands of a sample, and what the car does with them.
+
+        A wheel that spins, inside a bend and behind it, takes force away. Learned as the engine's, that would open the
+        throttle further there on every lap, so it does not count.
+        """
+        car, dt, acting, v_x = self.car, self.sample, self._actuators, float(x[3])
         turn, rise = (float(v) for v in plan.command)
         if stopping:
             turn = 0.0
@@ -338,8 +342,10 @@ class Racer(Brief):
         believed = float(self.pedals.most(v_x, self._gear))
         most = float(self.learned.most(self._s, believed))
         throttle, brake = acting.ask(turn, rise, v_x, most, self._gear)
-        force = acting.force + car.mass * unexplained
-        self.learned.see(self._s, force / max(believed, NO_FORCE * car.weight), throttle, grip, dt)
+        force = acting.force + car.mass * float(x[6])
+        share = force / max(believed, NO_FORCE * car.weight)
+        spinning = believed > self._spins and share < SHORT
+        self.learned.see(self._s, share, 0.0 if spinning else throttle, grip, dt)
         return {"delta": acting.asked[0], "throttle": throttle, "brake": brake}
 
     def _waiting(self) -> Commands:
@@ -349,6 +355,12 @@ class Racer(Brief):
         message = f"{HINDERED[3]}, {STAY}"
         more: dict[str, Any] = {"state": nothing, "state_std": np.full_like(nothing, np.inf)}
         return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self.sensing.restarts, **more)
+
+
+def _held(car: LapCar) -> float:
+    """Driving force that the axles hold, each with its share, at the loads of a car at rest. [N]"""
+    axles = (1.0 - car.drive_rear, car.mu_f * car.l_r), (car.drive_rear, car.mu_r * car.l_f)
+    return float(min(car.mu_x * car.weight / car.wheelbase * holds / share for share, holds in axles if share > 0.0))
 
 
 def _warn_shaken(lap: Lap) -> None:

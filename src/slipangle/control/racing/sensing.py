@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.control.racing.on_road import OnRoad, RacingCar
+from slipangle.control.racing.on_road import OnRoad, RacingCar, steps_in
 from slipangle.control.watch import UNCERTAIN, Blind
 from slipangle.errors import SimulationError
 from slipangle.estimate.ekf import EKF
@@ -65,11 +65,11 @@ class Sensing:
         patience: int,
         sample: float,
     ) -> None:
-        size = float(car.size)
+        size, steps = float(car.size), max(steps_in(car, sample), math.ceil(sample / RacingCar.max_step - 1e-9))
         self.sample, self._uncertain = sample, UNCERTAIN * size
         wander = {name: value * size ** (POWER.get(name, 0.0) - 0.25) for name, value in WANDER.items()}
         self.filter = EKF(
-            start=RacingCar(params=OnRoad.of(car), dt=sample),
+            start=RacingCar(params=OnRoad.of(car), dt=sample, substeps=steps),
             free=("grip",),
             noise_std={**usual_noise(size), **noise},
             process_std=wander,

@@ -161,7 +161,9 @@ static void act(Driver *d, const double *grip, car_commands *c)
     double believed = pedal(FULL_THROTTLE, x[3], d->gear), most = share_at(&d->learned, d->s) * believed;
     ask(d, turn, rise, x[3], most, c->value + 1);
     double least = NO_FORCE > believed ? NO_FORCE : believed;
-    learn_here(&d->learned, d->s, (acting(d) + MASS * x[6]) / least, c->value[1], grip);
+    double share = (acting(d) + MASS * x[6]) / least;
+    int spinning = believed > SPINS && share < SHORT; /* a wheel, not a weak engine */
+    learn_here(&d->learned, d->s, share, spinning ? 0 : c->value[1], grip);
 }
 
 /* ---- commands -------------------------------------------------------------------------------------------------- */
