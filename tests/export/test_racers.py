@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import slipangle as sa
 from slipangle.codegen import compiler
 from slipangle.control.commands import UNSURE, Commands
+from slipangle.control.racing.racer import _held
 from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError
 from slipangle.export import DriverRecorder, build, load
@@ -151,6 +153,26 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(short):
     for k in range(12):
         told = {"X": lap.X[0], "Y": lap.Y[0] + 1e-3 * k, "psi": lap.psi[0] + 1e-4 * k, "v_x": 10.0 + 0.1 * k}
         beside.step(told, 0.01 * k)
+
+
+@needs_compiler
+def test_a_stiff_car_whose_wheels_spin_is_driven_alike(tmp_path, monkeypatch):
+    """In as many steps as it needs, and with nothing learned of full throttle that gives a third of what it should."""
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O0 -march=native")
+    stiff, lap = replace(believed(), C_f=4.0 * believed().C_f, C_r=4.0 * believed().C_r), first_lap()
+    fast = int(np.argmax(lap.F_x))
+    v = 0.3 * float(lap.v_x[fast])
+    strong = replace(PEDALS, full=0.55 * _held(stiff) / float(PEDALS.most(v)) * PEDALS.full)
+    whole = sa.Racer(stiff, circuit(), strong, lap=lap, margin=MARGIN, between="sectors", horizon=4)
+    assert whole._planner.mpc.model.substeps > 2
+    beside, pressed = Beside(whole, LoadedRacer(project_of(whole, "car", NO_DRIVE), tmp_path)), []
+    for k in range(250):  # at a third of the lap's speed, and slower
+        s = float(lap.s[fast]) + 1e-4 * k
+        X, Y, psi = (float(np.interp(s, lap.s, c)) for c in (lap.X, lap.Y, np.unwrap(lap.psi)))
+        said = beside.step({"X": X, "Y": Y, "psi": psi, "v_x": v - 1e-2 * k, "r": 1e-4 * (k % 7)}, 0.01 * k)
+        pressed.append(said["throttle"])
+    assert np.convolve(np.array(pressed) > 0.99, np.ones(40)).max() == 40
+    assert whole.learned.most(s, 1.0) == 1.0
 
 
 @needs_compiler

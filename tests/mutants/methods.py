@@ -1137,6 +1137,32 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "control/racing/racer.py",
+        "control/racing/test_racer.py::test_a_wheel_that_spins_is_not_learned_as_a_weak_engine",
+        [
+            ("racer: a wheel that spins is a weak engine", "0.0 if spinning else throttle", "throttle"),
+            ("racer: any weak engine is a wheel that spins", "believed > self._spins and share", "share"),
+        ],
+    ),
+    *mistakes(
+        "control/racing/on_road.py",
+        "control/racing/test_along_track.py",
+        [("racer: a stiff car in two steps", "dt * quickest / STABLE", "0.0")],
+    ),
+    *mistakes(
+        "control/racing/sectors.py",
+        "control/racing/test_sectors.py",
+        [("racer: bold after a trial that failed", "if step == STEP:", "if True:")],
+    ),
+    *mistakes(
+        "simulate/race.py",
+        "simulate/test_race_start.py",
+        [
+            ("race: starts in a bend", "turning <= CALM * turning.max()", "turning <= turning.max()"),
+            ("race: starts where it brakes", "(lap.F_x[:-2] >= 0.0)", "(lap.F_x[:-2] > -np.inf)"),
+        ],
+    ),
+    *mistakes(
         "data/holds.py",
         "data/test_holds.py",
         [
