@@ -1150,11 +1150,6 @@ MUTANTS = [
         [("racer: a stiff car in two steps", "dt * quickest / STABLE", "0.0")],
     ),
     *mistakes(
-        "control/racing/sectors.py",
-        "control/racing/test_sectors.py",
-        [("racer: bold after a trial that failed", "if step == STEP:", "if True:")],
-    ),
-    *mistakes(
         "simulate/race.py",
         "simulate/test_race_start.py",
         [

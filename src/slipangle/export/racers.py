@@ -14,7 +14,7 @@ from slipangle.control.racing.learning import GAIN, LEAST, MOST, SUREST
 from slipangle.control.racing.pedals import NONE
 from slipangle.control.racing.planner import SPEED_IN, STATES
 from slipangle.control.racing.racer import BOLD, CREEPING, NO_FORCE, SHORT, SPIN, STOP, Racer
-from slipangle.control.racing.sectors import ENOUGH, KEPT, PART, SLOWER, STEP
+from slipangle.control.racing.sectors import ENOUGH, KEPT, SLOWER, STEP
 from slipangle.control.racing.sectors import LEAST as LEAST_TRIAL
 from slipangle.control.racing.sensing import POSE, RANGES, WANTED, WHOLE, Sensing
 from slipangle.control.watch import Blind
@@ -231,7 +231,6 @@ def _of_learning(racer: Racer) -> list[str]:
         "BOLD": BOLD,
         "LAP_MU_F": racer.lap.car.mu_f,
         "TRIAL": STEP,
-        "PART": PART,
         "LEAST_TRIAL": LEAST_TRIAL,
         "SLOWER": SLOWER,
         "BETTER": corners._better,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slipangle.control.racing.sectors import KEPT, PART, STEP, Sectors
+from slipangle.control.racing.sectors import KEPT, STEP, Sectors
 from tests.control.racing.test_racer import first_lap
 
 MARGIN, MOST = 0.2, 0.02
@@ -49,15 +49,13 @@ def test_times_of_sectors_are_those_between_their_ends(sectors):
 
 
 def test_what_is_quicker_is_kept_and_tried_further(sectors):
-    """By half of what the sure grip leaves, and by no less than a step where that is less."""
-    assert after(sectors, [(5.0, 1.0)]) == pytest.approx(PART * MOST)
-    assert after(sectors, [(4.9, 1.0)]) == pytest.approx(PART * MOST + STEP)
+    assert after(sectors, [(5.0, 1.0)]) == pytest.approx(STEP)
+    assert after(sectors, [(4.9, 1.0)]) == pytest.approx(2 * STEP)
 
 
 def test_what_is_slower_is_undone(sectors):
-    """To what was quickest; where a trial has failed, the next ones are small, however much grip is left."""
-    assert after(sectors, [(5.0, 1.0), (4.9, 1.0), (5.1, 1.0)]) == pytest.approx(PART * MOST + 0.5 * STEP)
-    assert after(sectors, [(5.1, 1.0)] * 9) == pytest.approx(PART * MOST)  # and no more trials
+    assert after(sectors, [(5.0, 1.0), (4.9, 1.0), (5.1, 1.0)]) == pytest.approx(1.5 * STEP)
+    assert after(sectors, [(5.1, 1.0)] * 9) == pytest.approx(STEP)  # what was quickest, and no more trials
 
 
 def test_no_sector_is_tried_without_end(sectors):

@@ -11,7 +11,6 @@ from slipangle.optimal.lap.lap import Lap
 RISE = 1.0  # m/s, by which the speed rises between two corners
 BLEND = 20.0  # m, before and after the end of a sector, over which speeds change
 STEP, LEAST, SLOWER = 0.006, 0.0015, 0.03  # of speed: of a first trial, below which nothing is tried, at most less
-PART = 0.5  # of what is left up to the grip that is sure, that a corner tries where no trial has failed
 BETTER = 0.004  # s, by which a sector has to be quicker to be so beyond chance
 ENOUGH, KEPT = 0.7, 0.5  # of the margin: room below which a sector is tried no faster, and becomes slower and narrower
 NARROWER = 0.3  # m, at most
@@ -20,10 +19,10 @@ NARROWER = 0.3  # m, at most
 class Sectors:
     """Speeds over those of a lap, corner by corner, learned by trial from lap to lap.
 
-    A sector is a corner with half of the straights beside it. After every lap each is tried faster, by half of what it
-    may be while no trial has failed; where that took longer, it goes back to what was quickest and tries little next
-    time, and where the car came too near to an edge, it becomes slower and keeps further away. Speeds of a bend go with
-    the root of the grip that is asked for, so one percent of speed is two of grip, and no lap has to be planned anew.
+    A sector is a corner with half of the straights beside it. After every lap each is tried a little faster; where
+    that took longer, it goes back to what was quickest and tries less next time, and where the car came too near to an
+    edge, it becomes slower and keeps further away. Speeds of a bend go with the root of the grip that is asked for, so
+    one percent of speed is two of grip, and no lap has to be planned anew.
 
     Parameters
     ----------
@@ -99,9 +98,6 @@ class Sectors:
                 self._quickest[k], self._best[k] = self.times[k], self.faster[k]
             else:
                 self._step[k] *= 0.5
-            step = self._step[k]
-            if step == STEP:  # nothing has gone wrong here
-                step = max(step, PART * (most - self._best[k]))
-            tried = step if step >= LEAST and self.room[k] > ENOUGH * self.margin else 0.0
+            tried = self._step[k] if self._step[k] >= LEAST and self.room[k] > ENOUGH * self.margin else 0.0
             self.faster[k] = max(min(self._best[k] + tried, most), -SLOWER)
         self.begin_lap()

@@ -182,10 +182,7 @@ static void judge_sectors(Sectors *r, double most)
             r->quickest[k] = r->times[k], r->best[k] = r->faster[k];
         else
             r->trial[k] *= 0.5;
-        double step = r->trial[k], part = PART * (most - r->best[k]);
-        if (step == TRIAL && step < part) /* nothing has gone wrong here */
-            step = part;
-        double tried = r->best[k] + (step >= LEAST_TRIAL && r->room[k] > ENOUGH_ROOM ? step : 0);
+        double tried = r->best[k] + (r->trial[k] >= LEAST_TRIAL && r->room[k] > ENOUGH_ROOM ? r->trial[k] : 0);
         tried = most < tried ? most : tried;
         r->faster[k] = lowest > tried ? lowest : tried;
     }
