@@ -209,8 +209,12 @@ def test_the_caller_bounds_iterations_and_brings_the_clock():
 
 @needs_compiler
 def test_memory_is_what_the_header_says():
-    exported = Loaded(files(controller()))
-    assert exported.start(exported.bytes - 1024) == 1
+    """For as many lanes as the compiler takes, which are not those of every processor that has them."""
+    made = files(controller())
+    exported = Loaded(made)
+    said = sorted(int(size) for size in re.findall(r"#define CAR_BYTES (\d+)", made["car.h"]))
+    enough = next(size for size in said if exported.start(size) == 0)
+    assert exported.start(enough - 64) == 1
     assert exported.start(offset=8) == 2
     assert exported.start() == 0
 

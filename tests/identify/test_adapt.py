@@ -340,7 +340,10 @@ def lagging(lag, seed, dt, seconds=60.0):
 
 @pytest.mark.parametrize("dt", [0.02, 0.05])
 def test_a_lag_brings_no_gain(dt):
-    """The mean of the response to a held input costs 1 % of gain at 0.05 s, a backward difference up to 8 %."""
+    """The mean of the response to a held input costs 1 % of gain at 0.05 s, a backward difference up to 8 %.
+
+    The lag is found to a fiftieth of itself or of a sample.
+    """
     start = CAR.resampled(dt)
     model = GreyBox(start=start, free=("C_f", "C_r", "inertia_z")).fit(lagging(0.0, 1, dt))
     for lag in (0.03, 0.1):
@@ -348,7 +351,7 @@ def test_a_lag_brings_no_gain(dt):
         found, std = (dict(zip(info.names, v, strict=True)) for v in (info.values, info.std))
         assert abs(found["gain_delta"]) < max(0.003, 1.96 * std["gain_delta"])
         assert abs(found["gain_delta"]) < 0.005
-        assert found["lag_delta"] == pytest.approx(lag, rel=0.02)
+        assert found["lag_delta"] == pytest.approx(lag, abs=0.02 * max(lag, dt))
 
 
 def test_weights_of_a_lag_are_smooth_where_there_is_none():
