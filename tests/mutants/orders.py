@@ -95,7 +95,7 @@ MUTANTS = [
     *mistakes(
         "identify/linear/multi_arx.py",
         "identify/linear/test_statespace_unstable.py",
-        [("ARX by speed: not asked whether unstable", "stable_by_free_runs(asked, _poles(model), driven)", '""')],
+        [("ARX by speed: not asked whether unstable", "unstable_said(_poles(model), driven, self.offset)", '""')],
     ),
     *mistakes(
         "identify/linear/statespace_unstable.py",

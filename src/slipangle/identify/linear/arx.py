@@ -24,7 +24,7 @@ from slipangle.models.black_box.arx import ARXModel
 
 _APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
 _TRIED = 10  # orders that are fitted to all data where the better ones depend on each other
-STATES = 4  # of a model one step ahead that is asked whether a system is unstable: too few hang on rounding
+_STATES = 4  # of a model one step ahead that is asked whether a system is unstable: too few hang on rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +87,7 @@ class ARX(LinearEstimator[ARXModel]):
             info: Any = model.fit_info
             method, seconds = f"{choice.said(orders)}; {info.method}", time.perf_counter() - began
             model = replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
-            asked = StateSpace(order=STATES, offsets="both" if self.offset else "none")
-            return noted(model, stable_by_free_runs(asked, model.poles, data))
+            return noted(model, unstable_said(model.poles, data, self.offset))
         raise refused or ParameterError("no orders were compared")
 
     def _remarks(self, model: ARXModel, data: Dataset) -> tuple[str, ...]:
@@ -300,3 +299,12 @@ class _Regression:
     @property
     def _means(self) -> np.ndarray:
         return np.concatenate([np.tile(self.y_mean, self.na), self.u_mean])
+
+
+def unstable_said(poles: np.ndarray, data: Dataset, offset: bool) -> str:
+    """Sentence where orders were chosen by free runs, and stable ones, over data of an unstable system; else empty.
+
+    ``poles`` are those of the model, which has constants if ``offset``.
+    """
+    asked = StateSpace(order=_STATES, offsets="both" if offset else "none")
+    return stable_by_free_runs(asked, poles, data)

@@ -14,11 +14,9 @@ from slipangle.data.dataset import Dataset, require_dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Finite, Within
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.arx import STATES
+from slipangle.identify.linear.arx import unstable_said
 from slipangle.identify.linear.estimator import channels, described
 from slipangle.identify.linear.orders import Chosen, Orders, choose, regression
-from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.linear.statespace_unstable import stable_by_free_runs
 from slipangle.identify.stability import announced, breakdown_said, noted
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.plausible import growth
@@ -100,9 +98,8 @@ class MultiARX(Checked):
             except ExcitationError as error:
                 refused = refused or error
                 continue
-            asked = StateSpace(order=STATES, offsets="both" if self.offset else "none")
             driven = data.select(inputs=tuple(n for n in data.inputs if n != "v_x"), outputs=data.outputs)
-            return noted(model, stable_by_free_runs(asked, _poles(model), driven))
+            return noted(model, unstable_said(_poles(model), driven, self.offset))
         raise refused or ParameterError("no orders were compared")
 
     def _of_orders(
